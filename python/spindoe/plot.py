@@ -129,7 +129,10 @@ def frame(
     found: FrameEstimate, image: NDArray[Any], *, table: Tabled, ax: Axes | None = None
 ) -> Axes:
     """Draws the outline, the detections and the names of an estimated frame onto its image."""
+    from matplotlib.patheffects import withStroke
+
     ax = _axes(ax)
+    rim_of_number = [withStroke(linewidth=2.5, foreground="white")]
     ax.imshow(image, cmap="gray" if image.ndim == 2 else None)
     if found.circle is not None:
         u, v, radius = found.circle
@@ -139,7 +142,9 @@ def frame(
     ax.scatter(*found.dots[is_matched, :2].T, edgecolors=MATCHED, **ring)
     ax.scatter(*found.dots[~is_matched, :2].T, edgecolors=LEFT_OUT, **ring)
     for dot, index in zip(found.dots[is_matched], found.assignment[is_matched], strict=True):
-        ax.annotate(str(index), dot[:2], color=MATCHED, xytext=(6, 6), textcoords="offset points")
+        ax.annotate(
+            str(index), dot[:2], color=DOT, xytext=(6, 6), textcoords="offset points", path_effects=rim_of_number
+        )
     words = f"p = {found.pose.confidence:.3f}" if found.pose else found.pose.reason
     ax.set_title(words, fontsize=9)
     ax.axis("off")
