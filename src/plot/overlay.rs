@@ -294,7 +294,7 @@ fn draw_marks(
             // Darkened, so that it can be read on any ball.
             let half = (w / 2 + px(1.0), h / 2);
             let tag = [(x - half.0, y - half.1), (x + half.0, y + half.1)];
-            area.draw(&Rectangle::new(tag, BLACK.mix(0.45).filled()))?;
+            area.draw(&Rectangle::new(tag, BLACK.mix(0.6).filled()))?;
             canvas::text(area, &words, (x, y), HPos::Center, LABEL_TEXT, color)?;
         }
     }
