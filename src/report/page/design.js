@@ -665,7 +665,13 @@ function featureSection(d, ball) {
     [92, 200, 99],
     [240, 210, 40],
   ];
-  const onDark = [[253, 231, 37], [122, 209, 81], [34, 158, 141], [62, 96, 148], [88, 64, 120]];
+  const onDark = [
+    [253, 231, 37],
+    [122, 209, 81],
+    [34, 158, 141],
+    [62, 96, 148],
+    [88, 64, 120],
+  ];
   const isDark = () => document.documentElement.dataset.theme === "dark";
   const color = (stops, q) => {
     const t = q * 3.999,

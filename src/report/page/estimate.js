@@ -366,7 +366,12 @@ function gallery(d) {
         el(
           "figure",
           { class: f.rejection ? "bad" : null },
-          el("img", { src: f.picture, loading: "lazy", alt: `Frame ${f.name}`, ...pngSize(f.picture) }),
+          el("img", {
+            src: f.picture,
+            loading: "lazy",
+            alt: `Frame ${f.name}`,
+            ...pngSize(f.picture),
+          }),
           el("figcaption", {
             text: `${f.name}: ${f.rejection || `p\u00a0=\u00a0${fixed(f.confidence, 2)}, ${f.matched}\u00a0of\u00a0${f.dots}\u00a0dots`}`,
           }),
