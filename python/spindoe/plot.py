@@ -143,7 +143,10 @@ def frame(
         color: The order of the image's channels, as there.
         ax: Where to draw.
     """
+    from matplotlib.patheffects import withStroke
+
     ax = _axes(ax)
+    rim_of_number = [withStroke(linewidth=2.5, foreground="white")]
     ax.imshow(rgb8(image, color))
     if found.circle is not None:
         u, v, radius = found.circle
@@ -154,7 +157,9 @@ def frame(
     ax.scatter(*found.dots[is_matched, :2].T, edgecolors=MATCHED, **ring)
     ax.scatter(*found.dots[~is_matched, :2].T, edgecolors=LEFT_OUT, **ring)
     for dot, index in zip(found.dots[is_matched], found.assignment[is_matched], strict=True):
-        ax.annotate(str(index), dot[:2], color=MATCHED, xytext=(6, 6), textcoords="offset points")
+        ax.annotate(
+            str(index), dot[:2], color=DOT, xytext=(6, 6), textcoords="offset points", path_effects=rim_of_number
+        )
     words = f"p = {found.pose.confidence:.3f}" if found.pose else found.pose.reason
     ax.set_title(words, fontsize=9)
     ax.axis("off")

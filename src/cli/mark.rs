@@ -44,7 +44,8 @@ pub struct Arguments {
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     dot_diameter_mm: Option<f64>,
     /// A cone without dots, such as a logo, whose outline is drawn: its axis and half angle in
-    /// degrees. May be repeated. By default the zones that stand beside the pattern.
+    /// degrees. No dot may lie within it. May be repeated. By default the zones that stand beside the
+    /// pattern.
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = cone, allow_hyphen_values = true)]
     keep_out: Vec<KeepOut>,
     /// Number of lobes, 12 to 24.

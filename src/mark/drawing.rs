@@ -172,6 +172,7 @@ fn advance(c: char) -> f64 {
     match c {
         ' ' | '.' | ',' | ':' | 'i' | 'l' | 't' | 'f' => 0.278,
         '-' => 0.333,
+        '°' => 0.4,
         'm' | 'M' => 0.833,
         _ => 0.556,
     }
@@ -296,6 +297,8 @@ pub(super) struct TitleBlock<'a> {
     pub facts: String,
     /// The date, as it is to be written; `None` leaves it out.
     pub date: Option<&'a str>,
+    /// What a color means, beside the title.
+    pub legend: Option<&'a str>,
 }
 
 impl TitleBlock<'_> {
@@ -310,13 +313,17 @@ impl TitleBlock<'_> {
             }
             facts += &format!("; sheet {} of {count}", index + 1);
             let (title_mm, words_mm) = BLOCK_WORDS_MM;
-            let mut say = |y: f64, height: f64, words: String| {
+            let mut say = |x: f64, y: f64, height: f64, words: String| {
                 let at = Point::new(x, foot + y);
                 page.items
                     .push(Item::words(at, Anchor::Start, height, words));
             };
-            say(11.0, title_mm, self.title.to_owned());
-            say(6.0, words_mm, facts);
+            say(x, 11.0, title_mm, self.title.to_owned());
+            if let Some(legend) = self.legend {
+                let beside = x + text_width(self.title, title_mm) + 5.0;
+                say(beside, 11.0, words_mm, legend.to_owned());
+            }
+            say(x, 6.0, words_mm, facts);
             let mut beside = format!("{} mm if printed at 100 %", BAR_MM.0);
             if size.size_mm().is_some() {
                 beside += &format!("; the line on the left is {} mm", CHECK_MM.0);

@@ -85,7 +85,8 @@ fn entity(out: &mut Groups, item: &Item, left: f64) {
             out.group(8, layer);
             out.point(10, at, left);
             out.group(40, height_mm);
-            out.group(1, words);
+            // Release 12 is ASCII and has a code for the sign.
+            out.group(1, words.replace('°', "%%d"));
             let anchor = match anchor {
                 Anchor::Start => 0,
                 Anchor::Middle => 1,

@@ -112,7 +112,8 @@ impl MarkConfig {
             .asin()
     }
 
-    /// Checks the sizes, and that the pattern's dots do not run into each other.
+    /// Checks the sizes, that the pattern's dots do not run into each other, and that they stay out of
+    /// the zones.
     ///
     /// # Errors
     /// [`Error::Argument`] naming the parameter, and the largest dot that fits.
@@ -137,7 +138,8 @@ impl MarkConfig {
             );
             return Err(Error::argument("dot_diameter_mm", problem));
         }
-        Ok(())
+        let zones = self.keep_out.clone();
+        pattern.clone().with_keep_out(zones).map(|_| ())
     }
 
     /// The rejection of dots that lie over the ends of every axis, `axis` being the freest.
@@ -172,6 +174,7 @@ impl MarkConfig {
                 written(self.dot_diameter_mm)
             ),
             date: self.date.as_deref(),
+            legend: (!self.keep_out.is_empty()).then_some("orange: a zone kept free of dots"),
         }
     }
 }

@@ -23,7 +23,9 @@ pub fn pdf_bytes(drawing: &Drawing) -> Vec<u8> {
     let mut pdf = Pdf::new();
     pdf.catalog(catalog).pages(tree);
     pdf.pages(tree).kids((0..count).map(page_id)).count(count);
-    pdf.type1_font(font).base_font(Name(b"Helvetica"));
+    pdf.type1_font(font)
+        .base_font(Name(b"Helvetica"))
+        .encoding_predefined(Name(b"WinAnsiEncoding"));
     pdf.document_info(info)
         .title(TextStr(&drawing.title))
         .keywords(TextStr(&drawing.note_json()))
@@ -89,10 +91,16 @@ fn draw(content: &mut Content, item: &Item) {
                 .begin_text()
                 .set_font(FONT, (size * POINTS) as f32)
                 .next_line(((at.x - shift) * POINTS) as f32, (at.y * POINTS) as f32)
-                .show(Str(words.as_bytes()))
+                .show(Str(&encoded(words)))
                 .end_text();
         }
     }
+}
+
+/// Words in the font's encoding, which is Latin-1 where that has printed characters.
+fn encoded(words: &str) -> Vec<u8> {
+    let byte = |c: char| u8::try_from(u32::from(c)).unwrap_or(b'?');
+    words.chars().map(byte).collect()
 }
 
 fn path(content: &mut Content, points: &[Point]) {

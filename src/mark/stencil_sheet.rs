@@ -190,6 +190,7 @@ pub fn stencil_sheet(stencil: &Stencil, page: PageSize, date: Option<&str>) -> D
             config.hole_diameter_mm
         ),
         date,
+        legend: None,
     }
     .onto(page, &mut pages);
     Drawing {
@@ -315,7 +316,7 @@ fn details(stencil: &Stencil, page: PageSize) -> Page {
         "Seam (x = 0)",
         bounds,
         [width - 90.0, 0.3 * height],
-        Point::new(middle - 10.0, 0.73 * height),
+        Point::new(middle - 10.0, 0.71 * height),
     );
     seam.section(&a, Layer::Cut, |v| [v.y, v.z, v.x - 0.013], Some(bounds));
     seam.section(&b, Layer::Dots, |v| [v.y, v.z, v.x - 0.013], Some(bounds));
@@ -333,10 +334,10 @@ fn details(stencil: &Stencil, page: PageSize) -> Page {
         format!("lip {:.2}", j.lip_thickness_mm),
     );
     let facts = format!(
-        "gap of the cone {} square to it, gap at the ledges {}; half A red, half B black",
+        "gap {} between the cones (perpendicular), {} between the ledges; half A red, half B black",
         c.seam_gap_mm, j.ledge_gap_mm
     );
-    let at = Point::new(middle - 10.0, 0.56 * height - 6.0);
+    let at = Point::new(middle - 10.0, 0.55 * height - 6.0);
     seam.items
         .push(Item::words(at, Anchor::Middle, WORDS_MM, facts));
     let side = j.knuckle_radius_mm + 3.0;
@@ -361,19 +362,21 @@ fn details(stencil: &Stencil, page: PageSize) -> Page {
         (axis - j.bore_radius_mm, 0.0),
         (axis + j.bore_radius_mm, 0.0),
         -0.01,
-        format!("bore {:.2}", 2.0 * j.bore_radius_mm),
+        format!("{:.2}", 2.0 * j.bore_radius_mm),
     );
+    // From the middle: on the bed's side the knuckle is flat.
     hinge.dimension(
-        (axis + r, -r),
-        (axis + r, r),
-        -10.0,
-        format!("{:.2}", 2.0 * r),
+        (axis, 0.0),
+        (axis + r, 0.0),
+        -hinge.scale * r - 5.0,
+        format!("radius {r:.2}"),
     );
     let facts = format!(
-        "{} knuckles of {:.2}, {} apart; {}",
+        "{} knuckles {:.2} long, {} apart; bore {:.2} for a {}",
         c.knuckles,
         j.knuckle_mm,
         c.knuckle_clearance_mm,
+        2.0 * j.bore_radius_mm,
         match c.closure {
             crate::stencil::Closure::Screw => format!("screw M{}", c.screw_diameter_mm),
             crate::stencil::Closure::Pin => format!("printed pin of {}", c.screw_diameter_mm),

@@ -31,13 +31,13 @@ use super::{MarkConfig, Turned, longitude_latitude};
 const TEXT_MM: f64 = 2.4;
 /// Space around a sticker for its number, mm.
 const STICKER_GAP_MM: f64 = 7.0;
-/// Distance of a table's lines, and of its columns, mm.
+/// Distance of a table's lines, and of its columns, mm: in a wide font too its headings stay apart.
 const ROW_MM: f64 = 3.7;
-const COLUMN_MM: f64 = 26.0;
+const COLUMN_MM: f64 = 30.0;
 /// Space above and below a map, and between its rim and the dots that reach over it and its labels, mm.
 const MAP_GAP_MM: (f64, f64) = (3.0, 1.0);
 /// The widest label of a map, and the height of labels, mm.
-const MAP_LABEL: (&str, f64) = ("330 deg", 2.0);
+const MAP_LABEL: (&str, f64) = ("330°", 2.0);
 /// Width of a sheet without bounds, mm.
 const SHEET_MM: f64 = 180.0;
 /// Width of lines, mm.
@@ -237,10 +237,7 @@ fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<ser
         radius: radius / divisor,
         beyond: FRAC_PI_2 * radius / divisor * config.dot_angle_rad() + MAP_GAP_MM.1,
     };
-    let half_width = |map: &Map| {
-        let labels = (TAU / 12.0).cos() * (map.rim() + map.beyond) + label;
-        labels.max(map.rim() + map.beyond)
-    };
+    let half_width = |map: &Map| map.rim() + map.beyond + label;
     let mut divisor = 1.0;
     while half_width(&at_scale(divisor)) > 0.25 * sheets.width {
         divisor += 1.0;
@@ -248,19 +245,25 @@ fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<ser
     let map = at_scale(divisor);
     let scale = 1.0 / divisor;
     let beside = map.beyond + MAP_LABEL.1 + MAP_GAP_MM.0;
-    let height = 2.0 * (map.rim() + beside) + 2.0 * ROW_MM;
+    let height = 2.0 * (map.rim() + beside) + 3.0 * ROW_MM;
     if height > sheets.height {
         return Err(Error::Internal("a map is higher than its page".to_owned()));
     }
     let top = sheets.block(height);
-    let legend = format!("Seen from above the poles, scale 1:{divisor}; longitude 0 to the right");
+    let legend = format!("Maps, seen from above the poles, scale 1:{divisor}");
     sheets.words(0.0, -top - ROW_MM, Anchor::Start, legend);
+    // A line between the maps: their labels stand at the same heights.
+    let middle = 0.5 * sheets.width;
+    let ends = [top + 1.5 * ROW_MM, top + height - MAP_GAP_MM.0].map(|y| Point::new(middle, -y));
+    sheets.add(Item::new(Layer::Guides, Shape::Line(ends.to_vec())));
     let mut places = Vec::new();
     for (index, (sign, name)) in [(1.0, "north"), (-1.0, "south")].into_iter().enumerate() {
         let center = Point::new(
             (index as f64 + 0.5) * 0.5 * sheets.width,
-            -top - 2.0 * ROW_MM - beside - map.rim(),
+            -top - 3.0 * ROW_MM - beside - map.rim(),
         );
+        let above = -top - 2.3 * ROW_MM;
+        sheets.words(center.x, above, Anchor::Middle, format!("{name}ern half"));
         Map {
             center,
             sign,
@@ -329,11 +332,7 @@ impl Map {
             };
             let shape = Shape::Line(vec![self.center, towards(self.rim())]);
             sheets.add(Item::new(Layer::Guides, shape));
-            // To the right and the left there is no space; the legend says where longitude 0 is.
             let (sin, cos) = angle.sin_cos();
-            if sin.abs() < 0.1 {
-                continue;
-            }
             let anchor = match cos {
                 _ if cos.abs() < 0.1 => Anchor::Middle,
                 _ if cos > 0.0 => Anchor::Start,
@@ -341,9 +340,13 @@ impl Map {
             };
             let at = towards(self.rim() + self.beyond);
             let height = MAP_LABEL.1;
-            let below = if self.sign * sin > 0.0 { 0.0 } else { height };
+            let below = match self.sign * sin {
+                up if up.abs() < 0.1 => 0.5 * height,
+                up if up > 0.0 => 0.0,
+                _ => height,
+            };
             let at = Point::new(at.x, at.y - below);
-            let words = format!("{} deg", 30 * k);
+            let words = format!("{}°", 30 * k);
             let taken = Rectangle::of_words(at, anchor, height, &words);
             labels.taken.push(taken);
             sheets.add(Item::words(at, anchor, height, words));

@@ -237,6 +237,21 @@ pub(super) fn fitted(text: &str, font: &FontDesc<'_>, available: i32) -> String 
     fitted
 }
 
+/// `text` broken between words into lines of at most `available` drawn pixels.
+pub(super) fn wrapped(text: &str, size: f64, available: i32) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if text_width(&format!("{line} {word}"), size) <= available => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
 /// Width of `text` in drawn pixels.
 pub(super) fn text_width(text: &str, size: f64) -> i32 {
     font(size).box_size(text).map_or(0, |b| b.0 as i32)

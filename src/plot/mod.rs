@@ -15,6 +15,7 @@ mod features;
 mod offsets;
 #[cfg(feature = "vision")]
 mod overlay;
+mod places;
 mod recognition;
 mod solid;
 mod stencil;

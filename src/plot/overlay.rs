@@ -1,11 +1,13 @@
 //! Overlays: frames enlarged, with the estimator's detections and pose, and a sheet of all frames.
 
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::path::Path;
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
 use super::canvas::{self, Area, Drawn, INK, SCALE, SMALL, px};
+use super::places::Places;
 use crate::error::Result;
 use crate::image::RgbImage;
 use crate::vision::Pixel;
@@ -19,12 +21,16 @@ const MAX_SIDE: u32 = 800;
 const WORDS: u32 = 34;
 /// Space for the legend below all.
 const LEGEND: u32 = 24;
-/// Size of its words, file pixels.
+/// Size of its words, and of numbers beside marks, file pixels.
 const LEGEND_TEXT: f64 = 11.0;
+const LABEL_TEXT: f64 = 11.0;
 /// Side of a frame on a sheet, file pixels.
 const CELL: u32 = 240;
-/// Space for words below a frame on a sheet.
-const CELL_WORDS: u32 = 22;
+/// Space for words below a frame on a sheet: its name and two lines of its outcome. Their size, and the
+/// lines' distance, file pixels.
+const CELL_WORDS: u32 = 48;
+const CELL_TEXT: f64 = 11.0;
+const CELL_LINE: f64 = 14.0;
 /// Maximum number of frames on one sheet.
 pub const SHEET_FRAMES: usize = 80;
 /// Colors of the outline, identified dots, others, expected dots and rejections.
@@ -172,10 +178,14 @@ pub fn contact_sheet(path: &Path, frames: &[OverlayFrame]) -> Result<()> {
         for (k, frame) in frames.iter().enumerate() {
             let (left, top) = corner(k);
             draw_marks(area, frame, (left, top), side, false)?;
-            let words = format!("{}  {}", frame.name, frame.words);
-            let words = canvas::fitted(&words, &canvas::font(11.0), side);
-            let at = (left + px(2.0), top + side + px(12.0));
-            canvas::text(area, &words, at, HPos::Left, 11.0, ink(frame))?;
+            let lines = canvas::wrapped(&frame.words, CELL_TEXT, side);
+            let words = std::iter::once(&frame.name).chain(&lines).take(3);
+            for (line, words) in (0..).zip(words) {
+                let words = canvas::fitted(words, &canvas::font(CELL_TEXT), side);
+                let down = px(10.0 + CELL_LINE * f64::from(line));
+                let at = (left + px(2.0), top + side + down);
+                canvas::text(area, &words, at, HPos::Left, CELL_TEXT, ink(frame))?;
+            }
         }
         draw_legend(area, px(f64::from(size.1 - LEGEND)))
     })?;
@@ -252,32 +262,40 @@ fn draw_marks(
             ))?;
         }
     }
+    let r = if in_full { px(9.0) } else { px(5.0) };
+    let mut places = Places::default();
+    let (mut numbers, mut shares) = (Vec::new(), Vec::new());
     for dot in frame.dots.iter().filter(|d| inside(&d.pixel)) {
         let color = if dot.named { NAMED } else { UNNAMED };
         let at = place(&dot.pixel);
-        let r = if in_full { px(9.0) } else { px(5.0) };
         area.draw(&Circle::new(at, r, canvas::stroke(color, 1.2)))?;
-        if in_full {
-            let words = format!("{:.0}", 100.0 * dot.probability);
-            let below = (at.0, at.1 + r + px(8.0));
-            canvas::text(area, &words, below, HPos::Center, 11.0, color)?;
-        }
+        places.keep(at, r);
+        shares.push((at, r, format!("{:.0}", 100.0 * dot.probability), color));
     }
     for (number, pixel, z) in frame.expected.iter().filter(|(_, p, _)| inside(p)) {
-        let (x, y) = place(pixel);
+        let at = place(pixel);
         // Smaller towards the limb, where dots are hardly seen.
         let arm = px(if in_full { 3.0 } else { 1.5 } + 2.0 * z);
-        draw_cross(area, (x, y), arm, EXPECTED)?;
-        if in_full {
-            let beside = (x + px(13.0), y - px(9.0));
-            canvas::text(
-                area,
-                &number.to_string(),
-                beside,
-                HPos::Left,
-                12.0,
-                EXPECTED,
-            )?;
+        draw_cross(area, at, arm, EXPECTED)?;
+        places.keep(at, arm);
+        numbers.push((at, arm, number.to_string(), EXPECTED));
+    }
+    if !in_full {
+        return Ok(());
+    }
+    // Numbers to the upper right of their crosses, probabilities below their circles; where there is no free place,
+    // none.
+    for (labels, preferred) in [(numbers, -FRAC_PI_4), (shares, FRAC_PI_2)] {
+        for (at, radius, words, color) in labels {
+            let (w, h) = (canvas::text_width(&words, LABEL_TEXT), px(0.9 * LABEL_TEXT));
+            let Some((x, y)) = places.beside(at, radius, (w + px(2.0), h), preferred) else {
+                continue;
+            };
+            // Darkened, so that it can be read on any ball.
+            let half = (w / 2 + px(1.0), h / 2);
+            let tag = [(x - half.0, y - half.1), (x + half.0, y + half.1)];
+            area.draw(&Rectangle::new(tag, BLACK.mix(0.6).filled()))?;
+            canvas::text(area, &words, (x, y), HPos::Center, LABEL_TEXT, color)?;
         }
     }
     Ok(())

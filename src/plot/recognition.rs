@@ -1,5 +1,6 @@
 //! Views of the ball side by side: the observed dots, the true dots and the answer.
 
+use std::f64::consts::FRAC_PI_4;
 use std::path::Path;
 
 use plotters::prelude::*;
@@ -7,8 +8,9 @@ use plotters::style::text_anchor::HPos;
 
 use super::canvas::{
     Area, Drawn, GRAY, INK, Key, SMALL, Sign, color, font, picture, px, stroke, text, text_width,
-    titled, with_legend,
+    titled, with_legend, wrapped,
 };
+use super::places::Places;
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::Pattern;
@@ -91,28 +93,44 @@ fn draw_view(area: &Area<'_>, pattern: &Pattern, view: &RecognitionView) -> Draw
     for d in &view.observed {
         area.draw(&Circle::new(place(d), px(5.0), color(OBSERVED).filled()))?;
     }
-    for (j, dot) in pattern.dots().iter().enumerate() {
-        let number = j.to_string();
-        let q = view.truth * dot;
-        if q.z > view.visibility_limit {
-            let (x, y) = place(&q);
-            let line = stroke(color(TRUTH), 2.0);
-            area.draw(&Circle::new((x, y), px(9.0), line))?;
-            let at = (x + px(11.0), y - px(9.0));
-            text(area, &number, at, HPos::Left, SMALL, color(TRUTH))?;
+    let limit = view.visibility_limit;
+    let seen = |rotation: Rotation| {
+        let turned = pattern.dots().iter().map(move |dot| rotation * dot);
+        let shown = turned.enumerate();
+        shown.filter(move |(_, q)| q.z > limit)
+    };
+    let truth: Vec<_> = seen(view.truth).map(|(j, q)| (j, place(&q))).collect();
+    let answer = view.answer.into_iter().flat_map(seen);
+    let answer: Vec<_> = answer.map(|(j, q)| (j, place(&q))).collect();
+    let mut places = Places::default();
+    for d in &view.observed {
+        places.keep(place(d), px(5.0));
+    }
+    for (_, at) in truth.iter().chain(&answer) {
+        places.keep(*at, px(9.0));
+    }
+    for (_, at) in &truth {
+        let line = stroke(color(TRUTH), 2.0);
+        area.draw(&Circle::new(*at, px(9.0), line))?;
+    }
+    for (_, (x, y)) in &answer {
+        let (line, d) = (stroke(color(ANSWER), 2.0), px(7.0));
+        for s in [-1, 1] {
+            let ends = vec![(x - d, y - s * d), (x + d, y + s * d)];
+            area.draw(&PathElement::new(ends, line))?;
         }
-        let Some(q) = view.answer.map(|r| r * dot) else {
-            continue;
-        };
-        if q.z > view.visibility_limit {
-            let (x, y) = place(&q);
-            let (line, d) = (stroke(color(ANSWER), 2.0), px(7.0));
-            for s in [-1, 1] {
-                let ends = vec![(x - d, y - s * d), (x + d, y + s * d)];
-                area.draw(&PathElement::new(ends, line))?;
+    }
+    // Numbers of rings to their upper right, of crosses to their lower left, where that is free.
+    for (dots, series, preferred) in [
+        (&truth, TRUTH, -FRAC_PI_4),
+        (&answer, ANSWER, 3.0 * FRAC_PI_4),
+    ] {
+        for (j, at) in dots {
+            let number = j.to_string();
+            let size = (text_width(&number, SMALL), px(0.75 * SMALL));
+            if let Some(at) = places.beside(*at, px(9.0), size, preferred) {
+                text(area, &number, at, HPos::Center, SMALL, color(series))?;
             }
-            let at = (x - px(11.0), y + px(9.0));
-            text(area, &number, at, HPos::Right, SMALL, color(ANSWER))?;
         }
     }
     draw_caption(area, &view.caption)
@@ -121,17 +139,7 @@ fn draw_view(area: &Area<'_>, pattern: &Pattern, view: &RecognitionView) -> Draw
 /// Sets the caption beneath the ball, broken between words.
 fn draw_caption(area: &Area<'_>, caption: &str) -> Drawn {
     let available = area.dim_in_pixel().0 as i32 - px(36.0);
-    let mut lines: Vec<String> = Vec::new();
-    for word in caption.split_whitespace() {
-        match lines.last_mut() {
-            Some(line) if text_width(&format!("{line} {word}"), SMALL) <= available => {
-                line.push(' ');
-                line.push_str(word);
-            }
-            _ => lines.push(word.to_owned()),
-        }
-    }
-    for (k, line) in lines.iter().enumerate() {
+    for (k, line) in wrapped(caption, SMALL, available).iter().enumerate() {
         let at = (px(18.0), px(CENTER_Y + RADIUS + 34.0 + LINE * k as f64));
         super::canvas::styled_text(area, line, at, HPos::Left, font(SMALL), INK)?;
     }

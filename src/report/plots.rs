@@ -130,7 +130,9 @@ fn progress(dir: &Path, report: &DesignReport, formats: &[PictureFormat]) -> Res
             return Ok(());
         }
         let plot = CurvePlot {
-            title: format!("Finalists of the search: `{protocol}` views not identified"),
+            title: format!(
+                "Finalists of the search: \u{201c}{protocol}\u{201d} views not identified"
+            ),
             x_label: "rank of the finalist".into(),
             y_label: "views not identified".into(),
             scale: RateScale::Failure,
@@ -151,7 +153,7 @@ fn progress(dir: &Path, report: &DesignReport, formats: &[PictureFormat]) -> Res
             .collect(),
     };
     let plot = CurvePlot {
-        title: format!("Best pattern so far: `{protocol}` views not identified"),
+        title: format!("Best pattern so far: \u{201c}{protocol}\u{201d} views not identified"),
         x_label: "time [min]".into(),
         y_label: "views not identified".into(),
         scale: RateScale::Failure,
@@ -275,7 +277,7 @@ pub fn sensitivity_plots(
         let v = &first.result.validation;
         let plot = CurvePlot {
             title: format!(
-                "{title}: `{}` views, {} trials per point",
+                "{title}: \u{201c}{}\u{201d} views, {} trials per point",
                 v.protocol, v.samples
             ),
             x_label: x_label.into(),

@@ -570,8 +570,12 @@ fn bad_input_is_one_line_and_leaves_no_file() {
     pattern(20)
         .write_csv(&dir.path().join("pattern.csv"))
         .unwrap();
-    let cases: [(&[&str], &str); 7] = [
+    let cases: [(&[&str], &str); 8] = [
         (&["--as", "gores", "-o", "out.png"], ".svg, .pdf or .dxf"),
+        (
+            &["--as", "gores", "-o", "out.svg", "--keep-out", "0,0,1,60"],
+            "lies in zone 0",
+        ),
         (&["--as", "plotter", "-o", "out.pdf"], ".svg or .gcode"),
         (
             &["--as", "gores", "-o", "out.svg", "--lobes", "11"],

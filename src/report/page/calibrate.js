@@ -125,7 +125,8 @@ function drawnBall(d) {
   const node = section(
     "ball",
     "The ball as drawn",
-    "Filled: dots where they are. Rings: where they should be. Drag to turn it, pinch or press + and \u2212 to zoom; arrow keys turn, N and P go from dot to dot, Home resets.",
+    "Filled: dots where they are. Rings: where they should be.",
+    "Drag to turn it, pinch or press + and \u2212 to zoom; arrow keys turn, N and P go from dot to dot, Home resets.",
   );
   const info = el("pre", { id: "dot-info", "aria-live": "polite", text: "Point at a dot." }),
     state = { by: 1, numbers: true, chosen: -1 },

@@ -5,6 +5,7 @@ function comparePage(d) {
   const balls = section(
     "balls",
     "The patterns",
+    null,
     "All balls turn together: drag one, or use the arrow keys.",
   );
   const views = [];

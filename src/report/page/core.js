@@ -20,15 +20,23 @@ function el(name, attributes = {}, ...children) {
   return node;
 }
 
-/** A section with its entry in the contents. */
-function section(id, title, lead) {
+/** A section with its entry in the contents. `use` says how a screen is used, which paper leaves out. */
+function section(id, title, lead, use) {
   document.getElementById("contents").append(el("a", { href: "#" + id, text: title }));
   const node = el(
     "section",
     { id, "aria-labelledby": id + "-title" },
     el("h2", { id: id + "-title", text: title }),
   );
-  if (lead) node.append(el("p", { class: "lead", text: lead }));
+  if (lead || use)
+    node.append(
+      el(
+        "p",
+        { class: lead ? "lead" : "lead screen-only" },
+        lead,
+        use ? el("span", { class: "screen-only", text: (lead ? " " : "") + use }) : null,
+      ),
+    );
   MAIN.append(node);
   return node;
 }

@@ -80,6 +80,9 @@ function dotWords(d, i) {
   return lines.join("\n");
 }
 
+/** A time in words: seconds below two minutes. */
+const duration = (s) => (s < 120 ? `${fixed(s, 0)} s` : `${fixed(s / 60, 1)} minutes`);
+
 const neighbors = (d, i) =>
   d.dots
     .map((p, dot) => ({ dot, angle: angleBetween(p, d.dots[i]) }))
@@ -90,6 +93,7 @@ function ballSection(d) {
   const node = section(
     "ball",
     "The ball",
+    null,
     "Drag to turn it, pinch or press + and \u2212 to zoom. With the keyboard: arrow keys turn, N and P go from dot to dot, Home resets.",
   );
   const state = { numbers: true, seam: true, zones: true, chosen: -1 },
@@ -224,7 +228,8 @@ function stencilSection(d) {
   const node = section(
     "stencil",
     "The stencil",
-    "Two printed half shells close around the ball; a pen draws through the holes. Open it with the slider.",
+    "Two printed half shells close around the ball; a pen draws through the holes.",
+    "Open it with the slider.",
   );
   const halves = s.halves.map(corners),
     size = s.parameters,
@@ -499,7 +504,8 @@ function cameraSection(d, mark) {
   const node = section(
     "camera",
     "What your camera can expect",
-    "Fill in your camera. The first value is the noise that the curves above are marked with.",
+    mark ? "The first value is the noise that the curves above are marked with." : null,
+    "Fill in your camera.",
   );
   const given = { ...d.camera },
     out = el("div", { class: "tiles", id: "camera-figures", "aria-live": "polite" });
@@ -591,7 +597,7 @@ function searchSection(d) {
   } else if (s.milestones.length)
     node.append(
       el("p", {
-        text: `After ${fixed(minutes(s.milestones[0]), 1)} minutes, one round: ${interval(s.milestones[0].identity)} of ${s.milestones[0].identity.trials.toLocaleString("en")} \u201c${s.protocol}\u201d views identified.`,
+        text: `After ${duration(s.milestones[0].elapsed_s)}, one round: ${interval(s.milestones[0].identity)} of ${s.milestones[0].identity.trials.toLocaleString("en")} \u201c${s.protocol}\u201d views identified.`,
       }),
     );
   if (s.finalists.length)
@@ -611,11 +617,18 @@ function searchSection(d) {
             ]),
         ),
         el("figcaption", {
-          text: "Rates on the selection's trials, by which the first was chosen: they flatter it.",
+          text: "Rates on the selection's trials, by which the first was chosen: the best of many is best by chance too.",
         }),
       ),
     );
   node.append(charts);
+  if (s.milestones.length && s.finalists.some((f) => f.identity) && d.validation.length)
+    node.append(
+      el("p", {
+        class: "lead",
+        text: "The course of the search, its finalists and the rates above are measured on different trials, so their shares differ a little. Those above chose nothing: rely on them.",
+      }),
+    );
 }
 
 /** Features in hash space, colored by how near another one lies. */
@@ -624,35 +637,49 @@ function featureSection(d, ball) {
   const node = section(
     "features",
     "Hash features",
-    `${f.total.toLocaleString("en")} features h of ${d.dots.length} dots in two of their three coordinates, colored by the distance to the nearest other one: dark ones are easily confused. Point at one to see its dots.`,
+    `${f.total.toLocaleString("en")} features h of ${d.dots.length} dots in two of their three coordinates. The nearer another feature lies, the more a point stands out, and the easier it is confused.`,
+    "Point at one to see its dots.",
   );
   const canvas = el("canvas", {
       tabindex: 0,
       role: "img",
       "aria-label": "Hash features",
-      style: "width:100%;display:block",
+      style: "width:100%;height:auto;display:block",
     }),
+    scale = el("span", { class: "ramp" }),
     host = el(
       "figure",
       {},
+      el("div", { class: "legend" }, el("span", {}, "another one near ", scale, " far")),
       canvas,
       el("figcaption", {
         text: `Shown are the features within ${short(f.reach)} of the origin${f.shown < f.total ? `, 1 in ${Math.round(f.total / f.shown)} of all` : ""}.`,
       }),
     );
   node.append(host);
-  const color = (q) => {
-    const stops = [
-        [68, 1, 84],
-        [59, 81, 139],
-        [33, 144, 141],
-        [92, 200, 99],
-        [240, 210, 40],
-      ],
-      t = q * 3.999,
+  // From near to far, away from the background to near it.
+  const ramp = [
+    [68, 1, 84],
+    [59, 81, 139],
+    [33, 144, 141],
+    [92, 200, 99],
+    [240, 210, 40],
+  ];
+  const onDark = [
+    [253, 231, 37],
+    [122, 209, 81],
+    [34, 158, 141],
+    [62, 96, 148],
+    [88, 64, 120],
+  ];
+  const isDark = () => document.documentElement.dataset.theme === "dark";
+  const color = (stops, q) => {
+    const t = q * 3.999,
       i = Math.floor(t);
     return `rgb(${stops[i].map((c, k) => Math.round(c + (stops[i + 1][k] - c) * (t - i)))})`;
   };
+  // The nearest ones last, on top of the others.
+  const order = [...f.points].sort((a, b) => b[5] - a[5]);
   let size = [0, 0];
   const px = (v) => ((v / f.reach + 1) / 2) * size[0],
     py = (v) => ((1 - v / f.reach) / 2) * size[1];
@@ -661,9 +688,13 @@ function featureSection(d, ball) {
     size = [width, Math.min(width * 0.62, 520)];
     canvas.width = size[0] * 2;
     canvas.height = size[1] * 2;
-    canvas.style.height = size[1] + "px";
+    const stops = isDark() ? onDark : ramp;
+    scale.style.background = `linear-gradient(to right, ${stops.map((c) => `rgb(${c})`)})`;
     const ink = canvas.getContext("2d");
     ink.scale(2, 2);
+    // Paper shows what is transparent as white.
+    ink.fillStyle = css("--panel");
+    ink.fillRect(0, 0, size[0], size[1]);
     ink.strokeStyle = css("--line");
     ink.beginPath();
     ink.moveTo(0, py(0));
@@ -671,8 +702,8 @@ function featureSection(d, ball) {
     ink.moveTo(px(0), 0);
     ink.lineTo(px(0), size[1]);
     ink.stroke();
-    f.points.forEach(([x, y, , , , q]) => {
-      ink.fillStyle = color(q);
+    order.forEach(([x, y, , , , q]) => {
+      ink.fillStyle = color(stops, q);
       ink.beginPath();
       ink.arc(px(x), py(y), 1.7, 0, 7);
       ink.fill();
@@ -794,7 +825,7 @@ function drawSection(d) {
     "Lay the ball in half B, close half A, and hold the stencil at its tab.",
     `Draw through the holes with a permanent marker: first around the edge, ${fixed(d.dot_diameter_mm, 1)} mm wide at the ball, then fill.`,
     "Leave the ball in until the ink is dry.",
-    "The number beside each hole is the dot's in every table here; 6 and 9 are underlined.",
+    "The number beside each hole is the dot's in every table here. Numbers that read as another upside down, such as 6, 9 and 19, are underlined.",
     "stencil/drawing.pdf has the sections and the table of holes. Without a printer: spindoe mark.",
   ];
   node.append(el("ol", {}, ...steps.map((text) => el("li", { text }))));

@@ -56,7 +56,8 @@ function turningBall(d) {
   const node = section(
     "ball",
     "The ball",
-    "As the camera sees it: x right, y up, z towards the camera. The slider goes through the frames; drag the ball to look at it from elsewhere.",
+    "As the camera sees it: x right, y up, z towards the camera.",
+    "The slider goes through the frames; drag the ball to look at it from elsewhere.",
   );
   const state = {
       k: Math.max(
@@ -342,6 +343,13 @@ function rejected(d) {
   );
 }
 
+/** Width and height of a PNG in a data URI, from its header: they keep its place until it is loaded. */
+function pngSize(uri) {
+  const header = atob(uri.slice(uri.indexOf(",") + 1, uri.indexOf(",") + 33)),
+    at = (k) => [0, 1, 2, 3].reduce((n, i) => n * 256 + header.charCodeAt(k + i), 0);
+  return { width: at(16), height: at(20) };
+}
+
 function gallery(d) {
   const shown = d.frames.filter((f) => f.picture);
   if (!shown.length) return;
@@ -358,9 +366,14 @@ function gallery(d) {
         el(
           "figure",
           { class: f.rejection ? "bad" : null },
-          el("img", { src: f.picture, loading: "lazy", alt: `Frame ${f.name}` }),
+          el("img", {
+            src: f.picture,
+            loading: "lazy",
+            alt: `Frame ${f.name}`,
+            ...pngSize(f.picture),
+          }),
           el("figcaption", {
-            text: `${f.name}: ${f.rejection || `p = ${fixed(f.confidence, 2)}, ${f.matched} of ${f.dots} dots`}`,
+            text: `${f.name}: ${f.rejection || `p\u00a0=\u00a0${fixed(f.confidence, 2)}, ${f.matched}\u00a0of\u00a0${f.dots}\u00a0dots`}`,
           }),
         ),
       ),

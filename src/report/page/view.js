@@ -479,16 +479,27 @@ function tripod(view, turn, reach) {
     corner = times(back, [(-0.82 * reach) / z, (-0.82 * reach) / z, reach]);
   const lines = [],
     labels = [];
-  [
+  const axes = [
     [1, 0, 0],
     [0, 1, 0],
     [0, 0, 1],
-  ].forEach((axis, i) => {
-    const d = times(turn, axis),
-      to = corner.map((c, k) => c + (d[k] * 0.13 * reach) / z),
-      far = corner.map((c, k) => c + (d[k] * 0.175 * reach) / z);
+  ].map((axis) => times(turn, axis));
+  const seen = axes.map((d) => times(view.turn, d));
+  axes.forEach((d, i) => {
+    const to = corner.map((c, k) => c + (d[k] * 0.13 * reach) / z);
     lines.push({ from: corner, to, color: "--soft", width: 2 });
-    labels.push({ at: far, text: "xyz"[i], color: "--soft", size: 12 });
+    // Beyond the axis' end; that of an axis which is seen end on stands away from the others.
+    const long = Math.hypot(seen[i][0], seen[i][1]),
+      others = [0, 1].map((k) => -seen.reduce((sum, s, j) => (j === i ? sum : sum + s[k]), 0)),
+      way = long > 0.35 ? seen[i] : others,
+      by = 9 / (Math.hypot(way[0], way[1]) || 1);
+    labels.push({
+      at: to,
+      text: "xyz"[i],
+      color: "--soft",
+      size: 12,
+      offset: [way[0] * by, -way[1] * by],
+    });
   });
   return { lines, labels };
 }

@@ -46,17 +46,17 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
     ]);
     let [paper, sparse, clutter, image] = ProtocolName::ALL;
     let all = [
-        ("paper", paper.view()),
-        ("paper_8_deg", degrees(paper, 8.0)),
-        ("sparse", sparse.view()),
-        ("clutter", clutter.view()),
-        ("image", image.view()),
+        ("paper", "paper", paper.view()),
+        ("paper_8_deg", "paper", degrees(paper, 8.0)),
+        ("sparse", "sparse", sparse.view()),
+        ("clutter", "clutter", clutter.view()),
+        ("image", "image", image.view()),
     ];
     let mut sentences = String::new();
-    for (name, view) in all {
+    for (name, protocol, view) in all {
         let (failures, blame, trials) = examine(bench, view)?;
         let sigma = view.noise.sigma_rad().to_degrees();
-        let title = format!("{} ({sigma:.1} deg)", name.replace('_', " "));
+        let title = format!("{protocol}, {sigma:.1} deg");
         row!(table; &title, trials, blame.likelihood, blame.search, blame.dots);
         for (k, failure) in failures.iter().enumerate() {
             let head = if k == 0 {
@@ -154,8 +154,11 @@ fn about_pose(
         )
     };
     format!(
-        "{real} real and {} false dots; a pose {:.0} deg off explains {} of them {at_fault} (confidence {:.2}).",
-        trial.truth.len() - real,
+        "{real} real and {}; a pose {:.0} deg off explains {} of them {at_fault} (confidence {:.2}).",
+        match trial.truth.len() - real {
+            1 => "1 false dot".to_owned(),
+            n => format!("{n} false dots"),
+        },
         rotation_angle(&answer.rotation, &trial.rotation).to_degrees(),
         answer.matched(),
         answer.dots_confidence
