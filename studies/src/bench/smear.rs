@@ -121,7 +121,6 @@ impl Args {
             }
             dots.extend(seen.iter().flat_map(|s| s.dots.iter().copied()));
         }
-        println!();
         let table = Table::new([
             "smear over the dot's diameter",
             "named dots",
