@@ -242,11 +242,11 @@ def test_an_exposure_settles_the_alias(pattern):
     # 90 revolutions per second look like 30 at 120 frames per second.
     spin = 2.0 * np.pi * 90.0 * np.array([0.6, 0.0, 0.8])
     drawn = list(
-        spindoe.synth(pattern, 10, preset="good", seed=2, fps=120.0, spin_rad_s=spin, exposure_s=0.0005)
+        spindoe.synth(pattern, 10, preset="good", seed=2, fps=120.0, spin_rad_s=spin, exposure_s=0.0003)
     )
     images, times = [image for image, _ in drawn], [truth.time_s for _, truth in drawn]
     blurred = spindoe.Estimator(pattern, measures_blur=True)
-    settled = blurred.estimate_sequence(images, times, color="rgb", exposure_s=0.0005).spin
+    settled = blurred.estimate_sequence(images, times, color="rgb", exposure_s=0.0003).spin
     assert abs(settled.rps - 90.0) < 0.5 and not settled.aliases
     open_ = blurred.estimate_sequence(images, times, color="rgb").spin
     assert abs(open_.rps - 30.0) < 0.5 and open_.aliases
@@ -254,4 +254,4 @@ def test_an_exposure_settles_the_alias(pattern):
         with pytest.raises(ValueError, match="exposure_s: expected a positive number"):
             blurred.estimate_sequence(images, times, color="rgb", exposure_s=exposure_s)
     with pytest.raises(ValueError, match="measures_blur=True"):
-        spindoe.Estimator(pattern).estimate_sequence(images, times, color="rgb", exposure_s=0.0005)
+        spindoe.Estimator(pattern).estimate_sequence(images, times, color="rgb", exposure_s=0.0003)

@@ -44,8 +44,9 @@ const DEGREES: f64 = 4.0;
 /// is, and too short.
 const LONGEST: f64 = 1.4;
 /// The share of named dots whose own smear is measured, by the length of the smear over the dot's diameter: of sharp dots, where
-/// half of these are left, and the width of that decline (`bench smear --frames 400 --seed 771 --max-turn-deg 40`: 65, 60, 59, 58, 54, 45, 21, 9 and 12 % are measured up to
-/// 0.25, 0.5, 0.75, 1, 1.25, 1.5, 2, 3 diameters and beyond; 3, 3, 4, 4, 6, 7, 22, 84 and 69 % of these are off).
+/// half of these are left, and the width of that decline. `bench smear --frames 400 --seed 771 --max-turn-deg 40`: 65, 60, 59, 58,
+/// 54, 45, 21, 9 and 12 % are measured up to 0.25, 0.5, 0.75, 1, 1.25, 1.5, 2, 3 diameters and beyond; 3, 3, 4, 4, 6, 7, 22, 84 and
+/// 69 % of these are off.
 const OWN: [f64; 3] = [0.61, 1.5, 0.2];
 /// The share of which something else is measured: of sharp dots, what comes to it where they are long, where half of that has come,
 /// and its width; and the squared residual that it has.
