@@ -36,7 +36,7 @@ use crate::arrays::{
 };
 use crate::calibrate::{self, Clip};
 use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
-use crate::image::{Buffers, Pixels, Samples, channels};
+use crate::image::{Buffers, Pixels, Samples, raw_pixel};
 use crate::pattern::{HashTable, overlay, to_json};
 use crate::recognizer::{GivenHint, hint};
 use crate::spin;
@@ -398,7 +398,7 @@ impl Estimator {
         let outline = outline(circle)?;
         let hint = hint.map(self::hint).transpose()?;
         let pixels = Pixels::new("image", image)?;
-        let samples = pixels.samples("image", channels(color)?)?;
+        let samples = pixels.samples("image", raw_pixel(color)?)?;
         let mut slot = self.slot();
         py.detach(|| {
             let Slot {
@@ -448,7 +448,7 @@ impl Estimator {
         Option<Answer<spin::Found<'py>>>,
     )> {
         let outline = outline(circle)?;
-        let pixel = channels(color)?;
+        let pixel = raw_pixel(color)?;
         if let Some(times) = &times_s {
             check_times(times, images.len())?;
         }
@@ -530,7 +530,7 @@ impl Estimator {
             if let Some(times) = &times_s {
                 check_times(times, images.len())?;
             }
-            let (pixel, progress) = (channels(color)?, progress.as_ref());
+            let (pixel, progress) = (raw_pixel(color)?, progress.as_ref());
             let times_s = times_s.filter(|times| times.len() > 1);
             let sequence = (times_s.as_deref(), &SequenceConfig::default());
             let (frames, _) = nominal.passes(py, &images, pixel, outline, sequence, progress)?;
@@ -654,7 +654,7 @@ impl Tracker {
     ) -> PyResult<(FrameTuple<'py>, Answer<spin::Found<'py>>)> {
         let outline = outline(circle)?;
         let pixels = Pixels::new("image", image)?;
-        let samples = pixels.samples("image", channels(color)?)?;
+        let samples = pixels.samples("image", raw_pixel(color)?)?;
         let (frame, fitted) = py
             .detach(|| {
                 let mut guard = self.state.lock().unwrap_or_else(PoisonError::into_inner);

@@ -29,7 +29,7 @@ pub fn read_image<'py>(
 }
 
 /// The order of the channels, by name.
-pub fn channels(color: &str) -> PyResult<RawPixel> {
+pub fn raw_pixel(color: &str) -> PyResult<RawPixel> {
     color.parse().map_err(|_| {
         let problem = format!("expected gray, rgb or bgr, found {color:?}");
         value_error("color", problem)

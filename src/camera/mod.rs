@@ -30,7 +30,7 @@ pub use conditions::{CameraConditions, Surroundings};
 pub use coverage::{COVERAGE_FRAMES, coverage};
 pub use frames::{FrameOutcome, FrameRates, paired};
 pub use racing::{RaceConfig, RaceResult, Racer, race, race_patterns};
-pub use ranking::{finalist_ranking, rank_finalists};
+pub use ranking::{rank_finalists, requested_conditions};
 pub use sequences::{SPIN_TOLERANCE, SpinRates};
 pub use sweep::{CameraParameter, CameraPoint, CameraSweep, SweptCamera, sweep_csv};
 pub use trials::CameraTrials;

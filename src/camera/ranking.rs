@@ -3,36 +3,31 @@
 
 use super::race_patterns;
 use super::{CameraConditions, CameraTrials, FrameRates, RaceConfig, RaceResult, Racer};
-use crate::design::{CameraRank, CameraRecord, Candidate};
-use crate::error::{Error, Result};
+use crate::design::{CameraRank, CameraRecord, CameraRequest, Candidate};
+use crate::error::{Error, Result, require};
 
-/// A ranking that is to be done, for a search and its shards: at most `frames` frames a finalist, of scenes with
-/// this seed.
+/// The conditions of a camera that is to rank finalists.
 ///
 /// # Errors
-/// [`Error::Internal`].
-pub fn finalist_ranking(
-    conditions: &CameraConditions,
-    frames: u64,
-    seed: u64,
-) -> Result<CameraRecord> {
-    Ok(CameraRecord {
-        conditions: serde_json::to_value(conditions)
-            .map_err(|e| Error::Internal(format!("conditions as JSON: {e}")))?,
-        frames,
-        seed,
-        finalists: Vec::new(),
-    })
+/// [`Error::Argument`] for conditions that cannot be read or are outside their domain, and for no frames.
+pub fn requested_conditions(request: &CameraRequest) -> Result<CameraConditions> {
+    let conditions: CameraConditions = serde_json::from_value(request.conditions.clone())
+        .map_err(|e| Error::argument("camera", e.to_string()))?;
+    conditions.check()?;
+    require(request.frames > 0, "frames", "at least 1", request.frames)?;
+    Ok(conditions)
 }
 
-/// Puts the finalists in order, and records their rates.
+/// Puts the finalists in order; their rates.
 ///
 /// # Errors
-/// [`Error::Argument`] for conditions that are none, or outside their domain.
-pub fn rank_finalists(camera: &mut CameraRecord, finalists: &mut [Candidate]) -> Result<()> {
-    let conditions: CameraConditions = serde_json::from_value(camera.conditions.clone())
-        .map_err(|e| Error::argument("camera", e.to_string()))?;
-    let trials = CameraTrials::new(conditions, camera.seed);
+/// As [`requested_conditions`].
+pub fn rank_finalists(
+    request: &CameraRequest,
+    finalists: &mut [Candidate],
+) -> Result<CameraRecord> {
+    let conditions = requested_conditions(request)?;
+    let trials = CameraTrials::new(conditions, request.seed);
     let patterns = finalists.iter().map(Candidate::pattern);
     let patterns = patterns.collect::<Result<Vec<_>>>()?;
     let racers = patterns.iter().map(|pattern| Racer {
@@ -40,12 +35,12 @@ pub fn rank_finalists(camera: &mut CameraRecord, finalists: &mut [Candidate]) ->
         dot_diameter: conditions.dot_diameter,
     });
     let racers: Vec<Racer<'_>> = racers.collect();
-    let race = RaceConfig::of_frames(camera.frames);
+    let race = RaceConfig::of_frames(request.frames);
     let standings = race_patterns(&trials, &racers, &race, &|_| ())?;
     let place = |s: &RaceResult| finalists[s.entry].clone();
     let ranked: Vec<Candidate> = standings.iter().map(place).collect();
     let ranks = ranked.iter().zip(&standings).map(|(candidate, standing)| {
-        let rates = FrameRates::of(&standing.outcomes, camera.seed);
+        let rates = FrameRates::of(&standing.outcomes, request.seed);
         CameraRank {
             start: candidate.start,
             right: rates.right,
@@ -54,7 +49,10 @@ pub fn rank_finalists(camera: &mut CameraRecord, finalists: &mut [Candidate]) ->
             effective_error_deg: rates.effective_error_deg,
         }
     });
-    camera.finalists = ranks.collect();
+    let ranks = ranks.collect();
     finalists.clone_from_slice(&ranked);
-    Ok(())
+    Ok(CameraRecord {
+        request: request.clone(),
+        finalists: ranks,
+    })
 }

@@ -6,13 +6,13 @@ use std::time::{Duration, Instant};
 use clap::Args;
 
 use super::design::print_words;
-use super::interrupt::stop_on_interrupt;
+use super::interrupt::{keeps, stop_on_interrupt};
 use super::memory::check_for_design;
-use super::output::Progress;
+use super::output::{Progress, command_line};
 use super::print_json;
 use crate::design::{DesignConfig, DesignObserver, SearchState, Stage};
 use crate::error::Result;
-use crate::report::{DesignJob, JobObserver, ShardedJob, Start};
+use crate::report::{CHECKPOINT, DesignJob, JobObserver, ShardedJob, Start};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -69,6 +69,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let ShardedJob { job, command } = DesignJob::of_shards(&arguments.shards, &arguments.output)?;
     check_for_design()?;
     let stop = stop_on_interrupt(super::design::STOPPING)?;
+    let resume = if arguments.resume { "" } else { " --resume" };
+    keeps(
+        job.dir.join(CHECKPOINT),
+        format!(
+            "the merge is kept; this continues it: {}{resume}",
+            command_line()
+        ),
+    );
     let clock = Instant::now();
     let mut progress = MergeProgress {
         command,

@@ -24,7 +24,7 @@ pub use crate::pattern::random_pattern;
 pub use config::DesignConfig;
 pub use constraints::{Constraints, KeepOut};
 pub use objective::{Objective, ObjectiveName, OrientationBound};
-pub use ranking::{CameraRank, CameraRecord};
+pub use ranking::{CameraRank, CameraRecord, CameraRequest};
 pub use request::DesignRequest;
 pub use search::{DesignObserver, DesignOutcome, Stage, design, search_rounds};
 pub use state::{Candidate, Milestone, SearchState, Shard};

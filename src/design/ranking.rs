@@ -1,25 +1,32 @@
-//! How the finalists of a search are ranked for a camera, as data: what a search is asked for, what its
-//! shards carry to their merge, and what the report tells. `camera::CameraRanking` ranks them.
+//! How the finalists of a search are ranked for a camera, as data: what a search and its shards are asked for, and what came
+//! of it. `camera::rank_finalists` ranks them.
 
 use serde::{Deserialize, Serialize};
 
 use crate::stats::Proportion;
 
-/// A camera that ranks the finalists of a design.
+/// A camera that is to rank the finalists of a search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct CameraRecord {
+pub struct CameraRequest {
     /// The camera's conditions, as JSON.
     pub conditions: serde_json::Value,
     /// Frames of a finalist that is not clearly worse than the best.
     pub frames: u64,
     /// Their seed.
     pub seed: u64,
-    /// The finalists, the best first; none before they were ranked.
-    #[serde(default)]
+}
+
+/// The finalists of a design as a camera ranks them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CameraRecord {
+    /// What was asked for.
+    #[serde(flatten)]
+    pub request: CameraRequest,
+    /// The finalists, the best first.
     pub finalists: Vec<CameraRank>,
 }
 
-/// A finalist before the camera.
+/// A finalist's rates on the camera's frames.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CameraRank {
     /// The start it came from.
@@ -30,6 +37,6 @@ pub struct CameraRank {
     pub wrong: Proportion,
     /// Mean error of the right ones, degrees.
     pub mean_error_deg: f64,
-    /// Root mean square error over `sqrt(right - 2 wrong)`, degrees: what they were ranked by.
+    /// Root mean square error over `sqrt(right - 2 wrong)`, degrees: what they are ranked by.
     pub effective_error_deg: f64,
 }

@@ -22,7 +22,7 @@ use serde_json::Value;
 
 use super::config::DesignConfig;
 use super::objective;
-use super::ranking::CameraRecord;
+use super::ranking::CameraRequest;
 use crate::error::{Error, Result, require};
 #[cfg(feature = "native")]
 use crate::files;
@@ -250,7 +250,7 @@ pub struct ShardRecord {
     pub command: Option<String>,
     /// The camera that ranks the finalists of all shards, where one does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub camera: Option<CameraRecord>,
+    pub camera: Option<CameraRequest>,
 }
 
 /// A search on disk, of one piece or a shard's.

@@ -78,6 +78,12 @@ impl<'a> From<&'a Vec<u8>> for RawSamples<'a> {
     }
 }
 
+impl<'a> From<&'a Vec<u16>> for RawSamples<'a> {
+    fn from(samples: &'a Vec<u16>) -> Self {
+        Self::Sixteen(samples)
+    }
+}
+
 impl<'a> From<&'a [u16]> for RawSamples<'a> {
     fn from(samples: &'a [u16]) -> Self {
         Self::Sixteen(samples)
@@ -219,7 +225,7 @@ impl<'a> RawImage<'a> {
             RawPixel::Gray => {
                 for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(side)) {
                     let total: u32 = cell.iter().map(|&sample| sample.into()).sum();
-                    *sum += total as f32 / T::WHITE;
+                    *sum += share::<T>(total);
                 }
             }
             _ => {
@@ -233,7 +239,7 @@ impl<'a> RawImage<'a> {
                     if self.pixel == RawPixel::Bgr {
                         totals.reverse();
                     }
-                    *sum += luma(totals.map(|t| t as f32 / T::WHITE));
+                    *sum += luma(totals.map(share::<T>));
                 }
             }
         }
@@ -254,6 +260,11 @@ impl<'a> RawImage<'a> {
         };
         [red, green, blue].map(|channel| samples[channel].unit())
     }
+}
+
+/// A sum of samples over white: rounded once, so that samples of 8 and of 16 bits with the same values have the same sum.
+fn share<T: Sample>(total: u32) -> f32 {
+    (f64::from(total) / f64::from(T::WHITE)) as f32
 }
 
 /// A sample.

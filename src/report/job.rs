@@ -32,8 +32,8 @@ use super::{DesignEvaluation, EvaluationConfig, REPORT, evaluate};
 use crate::ball::DesignRecord;
 use crate::design::state::{Checkpoint, ShardRecord};
 use crate::design::{
-    CameraRecord, Candidate, DesignConfig, DesignObserver, SearchState, Shard, Stage, design,
-    search_rounds,
+    CameraRecord, CameraRequest, Candidate, DesignConfig, DesignObserver, SearchState, Shard,
+    Stage, design, search_rounds,
 };
 use crate::error::{Error, Result};
 use crate::files::{self, FolderLock, Replacement};
@@ -62,7 +62,7 @@ pub struct DesignJob {
     /// Configuration of the stencil.
     pub stencil: StencilConfig,
     /// The camera that ranks the finalists; `None` where the protocol's rates do.
-    pub camera: Option<CameraRecord>,
+    pub camera: Option<CameraRequest>,
     /// The output folder.
     pub dir: PathBuf,
     /// Formats in which the ball, its features, rates and their course are drawn too.
@@ -240,9 +240,8 @@ impl DesignJob {
     fn check(&self) -> Result<()> {
         self.stencil.validate()?;
         self.evaluation.check()?;
-        if self.camera.is_some() && cfg!(not(feature = "vision")) {
-            let problem = "ranks finalists on rendered frames, which this build does not have";
-            return Err(Error::argument("camera", problem));
+        if let Some(request) = &self.camera {
+            check_camera(request)?;
         }
         self.config.check()
     }
@@ -292,7 +291,7 @@ impl DesignJob {
         DesignRecord {
             ball_diameter_mm: self.stencil.ball_diameter_mm,
             dot_diameter_mm: self.stencil.hole_diameter_mm,
-            camera: camera.map(|camera| camera.conditions.clone()),
+            camera: camera.map(|camera| camera.request.conditions.clone()),
             criterion: Some(match camera {
                 Some(_) => "error on frames of the camera".to_owned(),
                 None => format!("identity, protocol {}", self.config.protocol.name()),
@@ -333,6 +332,19 @@ pub(crate) fn reject_design(dir: &Path, advice: &str) -> Result<()> {
         false => "a design",
     };
     files::reject_taken(dir, &[REPORT, CHECKPOINT, PATTERN], what, advice)
+}
+
+/// Rejects a camera that cannot rank finalists.
+#[cfg(feature = "vision")]
+fn check_camera(request: &CameraRequest) -> Result<()> {
+    crate::camera::requested_conditions(request).map(drop)
+}
+
+/// Rejects a camera: without images there are no frames to rank by.
+#[cfg(not(feature = "vision"))]
+fn check_camera(_: &CameraRequest) -> Result<()> {
+    let problem = "ranks finalists on rendered frames, which this build does not have";
+    Err(Error::argument("camera", problem))
 }
 
 /// The folder's checkpoint, or the file itself.
@@ -402,7 +414,7 @@ struct Keeper<'a> {
     job: &'a DesignJob,
     shard: Option<ShardRecord>,
     observer: &'a mut dyn JobObserver,
-    /// How the finalists are ranked for a camera.
+    /// How a camera ranks the finalists.
     camera: Option<CameraRecord>,
     /// The dots of the pattern on disk.
     saved: Option<Vec<[f64; 3]>>,
@@ -418,7 +430,7 @@ impl<'a> Keeper<'a> {
             job,
             shard,
             observer,
-            camera: job.camera.clone(),
+            camera: None,
             saved: None,
         }
     }
@@ -465,9 +477,9 @@ impl DesignObserver for Keeper<'_> {
 
     fn rank(&mut self, finalists: &mut [Candidate]) -> Result<()> {
         #[cfg(feature = "vision")]
-        if let Some(camera) = &mut self.camera {
+        if let Some(request) = &self.job.camera {
             self.observer.step("ranking the finalists for the camera");
-            crate::camera::rank_finalists(camera, finalists)?;
+            self.camera = Some(crate::camera::rank_finalists(request, finalists)?);
         }
         self.observer.rank(finalists)
     }

@@ -24,6 +24,8 @@
 //! Guaranteed: where a motion is asked for, it is the answer wherever the orientations determine it, whatever the odds. Not
 //! guaranteed: that no other motion explains the orientations better; a lack of fit ([`Fit::lack_of_fit`]) says that one does.
 
+use std::f64::consts::TAU;
+
 use super::alias::{AliasConfig, Alternative, SpinEvidence, alternatives, weigh};
 use super::decay::DecayFit;
 use super::evidence::fitted;
@@ -221,14 +223,16 @@ impl SpinEstimate {
                 ..AliasConfig::default()
             };
             let mut others = alternatives(measurements, fit, &listed);
-            weigh(&mut others, &fit.motion.spin, evidence, f64::NEG_INFINITY);
-            let own = Alternative {
-                spin: fit.motion.spin,
+            let own = fit.motion.spin;
+            weigh(&mut others, &own, evidence, f64::NEG_INFINITY);
+            others.push(Alternative {
+                spin: own,
                 log_likelihood_ratio: 0.0,
-            };
-            others.push(own);
-            if let Some(taken) = slowest_likely(&others).filter(|taken| *taken != own) {
-                constant = estimator.fit_alias(measurements, fit, &taken.spin);
+            });
+            let taken = slowest_likely(&others, config).filter(|spin| *spin != own);
+            if let Some(Ok(alias)) = taken.map(|spin| estimator.fit_alias(measurements, fit, &spin))
+            {
+                constant = Ok(alias);
             }
         }
         Self::beyond(constant, measurements, model, config)
@@ -347,16 +351,18 @@ impl SpinEstimate {
     }
 }
 
-/// The slowest of the spins that nothing speaks against.
-fn slowest_likely(all: &[Alternative]) -> Option<Alternative> {
-    let ratios = all.iter().map(|a| a.log_likelihood_ratio);
-    let top = ratios.fold(f64::NEG_INFINITY, f64::max);
-    let likely = all
-        .iter()
-        .filter(|a| a.log_likelihood_ratio >= top - TIE_MARGIN);
+/// The slowest of the spins that are likely, by the prior of the magnitude, too.
+fn slowest_likely(all: &[Alternative], config: &SpinConfig) -> Option<Vec3> {
+    let worth = |a: &Alternative| {
+        let rps = a.spin.norm() / TAU;
+        let prior = config.prior.map_or(0.0, |prior| prior.log_density(rps));
+        a.log_likelihood_ratio + prior
+    };
+    let top = all.iter().map(worth).fold(f64::NEG_INFINITY, f64::max);
+    let likely = all.iter().filter(|a| worth(a) >= top - TIE_MARGIN);
     likely
-        .min_by(|a, b| a.spin.norm().total_cmp(&b.spin.norm()))
-        .copied()
+        .map(|a| a.spin)
+        .min_by(|a, b| a.norm().total_cmp(&b.norm()))
 }
 
 /// The precession; of long recordings that of a part, unless that has evidence for one.

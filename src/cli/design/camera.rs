@@ -9,12 +9,12 @@ use std::sync::atomic::AtomicBool;
 use super::Arguments;
 use crate::camera::{
     CameraConditions, CameraTrials, FrameRates, MAX_DOT, RaceConfig, RaceResult, Racer,
-    finalist_ranking, race_patterns,
+    race_patterns,
 };
 use crate::cli::camera::CameraSource;
 use crate::cli::output::Counter;
 use crate::design::search::feasible::packed_separation;
-use crate::design::{CameraRecord, DesignConfig, SearchState, design};
+use crate::design::{CameraRequest, DesignConfig, SearchState, design};
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;
 use crate::stencil::StencilConfig;
@@ -31,13 +31,17 @@ const CHOICE: u64 = 0xca3e_0001 << 32;
 const RANKING: u64 = 0xca3e_0002 << 32;
 
 /// The ranking of finalists that the arguments ask for; `None` without a camera.
-pub(super) fn ranking(arguments: &Arguments) -> Result<Option<CameraRecord>> {
+pub(super) fn ranking(arguments: &Arguments) -> Result<Option<CameraRequest>> {
     let Some(camera) = &arguments.camera else {
         return Ok(None);
     };
     let conditions = conditions(camera, &arguments.stencil())?;
-    let seed = arguments.seed ^ RANKING;
-    finalist_ranking(&conditions, arguments.camera_frames, seed).map(Some)
+    Ok(Some(CameraRequest {
+        conditions: serde_json::to_value(conditions)
+            .map_err(|e| Error::Internal(format!("conditions as JSON: {e}")))?,
+        frames: arguments.camera_frames,
+        seed: arguments.seed ^ RANKING,
+    }))
 }
 
 /// A camera before dots as large as the stencil's holes.

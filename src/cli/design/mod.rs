@@ -25,6 +25,8 @@ use progress::DesignProgress;
 /// The answer to the first Ctrl-C.
 pub(super) const STOPPING: &str = "stopping: what was found is evaluated and written, which takes some 20 s, for a camera some \
                                    minutes; Ctrl-C again quits at once and keeps the search for --resume";
+/// The answer where a part of a search is asked for, or several.
+const STOPPING_SHARD: &str = "stopping: the search is kept for --resume once its work in hand is done; Ctrl-C again quits at once";
 /// What more dots give, of 5 000 rendered frames with any background (README, "How well it works").
 const MORE_DOTS: &str = "More dots serve most cameras better, where you can draw them: of rendered frames with any background \
                          dots40 answers 95.9 % right, dots20 90.7 %. `spindoe advise` says it of your camera.";
@@ -40,12 +42,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let arguments = &camera::settled(arguments)?;
     let (job, start) = arguments.job()?;
     check_for_design()?;
-    let stop = stop_on_interrupt(STOPPING)?;
+    let in_parts = arguments.shard.is_some() || arguments.shards.is_some();
+    let stop = stop_on_interrupt(if in_parts { STOPPING_SHARD } else { STOPPING })?;
     let resume = arguments.resume_command(&job);
-    keeps(
-        job.dir.join(CHECKPOINT),
-        format!("the search is kept; this continues it: {resume}"),
-    );
+    let kept = format!("the search is kept; this continues it: {resume}");
+    keeps(job.dir.join(CHECKPOINT), kept.clone());
     let mut progress = DesignProgress::new(&job, arguments);
     if let Some(shard) = arguments.shard {
         let done = job.run_shard(shard, start, &stop, &mut progress)?;
@@ -61,7 +62,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let found = match arguments.shards {
         Some(count) => {
-            let Some(found) = run_all_shards(&job, count, start, &stop, &mut progress)? else {
+            let Some(found) = run_all_shards(&job, count, start, &stop, &mut progress, &kept)?
+            else {
                 progress.finish();
                 errln!("The search was cut short; this continues it: {resume}");
                 outln!("{}", job.dir.display());
@@ -114,6 +116,7 @@ fn run_all_shards(
     start: Start,
     stop: &AtomicBool,
     progress: &mut DesignProgress<'_>,
+    kept: &str,
 ) -> Result<Option<DesignEvaluation>> {
     if start == Start::Fresh {
         job.reject_taken()?;
@@ -129,6 +132,7 @@ fn run_all_shards(
         let begun = start == Start::Resume && dir.join(CHECKPOINT).exists();
         let start = if begun { Start::Resume } else { Start::Fresh };
         progress.begin_shard(shard);
+        keeps(dir.join(CHECKPOINT), kept.to_owned());
         if !part.run_shard(shard, start, stop, progress)? {
             return Ok(None);
         }

@@ -1,6 +1,6 @@
 //! Progress of `spindoe design`, and the division of its time budget.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::Arguments;
 use crate::cli::output::Progress;
@@ -15,6 +15,8 @@ pub(super) struct DesignProgress<'a> {
     line: Progress,
     /// What is said once the arguments are known to be good.
     warning: Option<String>,
+    /// When work began, and the share that was done by then.
+    began: Option<(Instant, f64)>,
     /// Start of the current round, in seconds of the search.
     round_began_s: f64,
     /// The shard that runs, from 0, and their number.
@@ -44,6 +46,7 @@ impl<'a> DesignProgress<'a> {
             arguments,
             line: Progress::new(STEPS, template, SILENCE),
             warning: arguments.dot_size_warning(),
+            began: None,
             round_began_s: 0.0,
             shard: (0, 1),
             evaluated: (
@@ -139,12 +142,12 @@ fn rounds_within(budget_s: f64, done: usize, began_s: f64, elapsed_s: f64, in_ro
     done as f64 + more.max(1.0)
 }
 
-/// Estimated time left from the share done, in words; empty while there is no estimate.
-fn left(elapsed_s: f64, share: f64) -> String {
-    if share < 0.02 {
+/// Estimated time left from the share done, and that when work began, in words; empty while there is no estimate.
+fn left((began, before): (Instant, f64), share: f64) -> String {
+    if share - before < 0.02 {
         return String::new();
     }
-    let left = elapsed_s * (1.0 - share) / share;
+    let left = began.elapsed().as_secs_f64() * (1.0 - share) / (share - before);
     format!("; {left:.0} s left")
 }
 
@@ -152,6 +155,7 @@ impl JobObserver for DesignProgress<'_> {
     fn begins(&mut self, state: &SearchState) {
         self.round_began_s = state.elapsed_s;
         let share = self.share(state, Stage::Scout);
+        self.began.get_or_insert((Instant::now(), share));
         let done = self.position(share);
         self.line.begin(done);
         if let Some(warning) = self.warning.take() {
@@ -182,9 +186,9 @@ impl DesignObserver for DesignProgress<'_> {
         let share = self.share(state, stage);
         let what = self.words(state, stage);
         let done = self.position(share);
-        let elapsed_s = state.elapsed_s;
+        let began = *self.began.get_or_insert((Instant::now(), share));
         let more = self.more(state);
-        let more = || format!("{more}{}", left(elapsed_s, share));
+        let more = || format!("{more}{}", left(began, share));
         self.line.show(done, &what, more);
         Ok(())
     }

@@ -169,7 +169,7 @@ impl DesignPage {
             camera: CameraFigures::of(&report),
             ranking: report.camera.as_ref().and_then(|camera| {
                 Some(PageRanking {
-                    frames: camera.frames,
+                    frames: camera.request.frames,
                     winner: *camera.finalists.first()?,
                 })
             }),
@@ -241,7 +241,10 @@ impl DesignPage {
 impl CameraFigures {
     /// The camera that a design was for, where it had one: that of the ranking, or of the protocol.
     fn of(report: &DesignReport) -> Self {
-        let stated = report.camera.as_ref().map(|camera| &camera.conditions);
+        let stated = report
+            .camera
+            .as_ref()
+            .map(|camera| &camera.request.conditions);
         let number = |name: &str| stated?.get(name)?.as_f64();
         let usual = Self::of_protocol(&report.config.protocol);
         Self {
