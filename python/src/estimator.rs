@@ -247,7 +247,7 @@ impl Estimator {
         CameraFrame::Camera.of_view(self.inner.config().camera.is_view())
     }
 
-    /// Rejects an exposure that is none, and one without blurs to read it by.
+    /// Rejects an exposure that is not positive, or that comes without `measures_blur`.
     fn check_exposure(&self, exposure_s: Option<f64>) -> PyResult<()> {
         let Some(exposure_s) = exposure_s else {
             return Ok(());
@@ -468,10 +468,9 @@ impl Estimator {
         let frame = self.frame();
         let orientations = orientations(&named, frame, times.is_some());
         let spin = match &times {
-            Some(times) => {
-                let timed: Vec<_> = times.iter().copied().zip(&frames).collect();
+            Some(_) => {
                 let smears = exposure_s.and_then(|exposure_s| {
-                    SequenceSmears::new(&self.inner, &timed, exposure_s, &frame.turn())
+                    SequenceSmears::new(&self.inner, &named, exposure_s, frame)
                 });
                 Some(spin_of(py, &orientations, &config, smears.as_ref())?)
             }

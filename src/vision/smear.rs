@@ -13,13 +13,13 @@
 //!
 //! A dot that smears by more than its diameter is no cap any more: it is rarely measured, and what is measured of it is too short.
 //! That it is not measured is evidence, too. With the length `x = |v| / 2 a` of a smear over the dot's diameter, a dot's own smear
-//! is measured with the probability `r(x)`, something else with `w(x)`, and nothing else:
+//! is measured with the probability `d(x)`, an outlier with `o(x)`, and otherwise nothing:
 //!
 //! ```text
-//! ln p = sum_measured ln(r(x) t(square) + w(x) t(OFF)) + sum_others ln(1 - r(x) - w(x))
+//! ln p = sum_measured ln(d(x) t(square) + o(x) t(25)) + sum_others ln(1 - d(x) - o(x))
 //! ```
 //!
-//! Turns beyond [`Smear::longest`] are as likely as that.
+//! `t` is the density of the blurs' residuals (Student). Turns beyond [`Smear::max_turn`] are as likely as that.
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix4, SMatrix, SVector, Vector2, Vector3, Vector4};
 
@@ -42,16 +42,41 @@ const REWEIGHTED: usize = 4;
 const DEGREES: f64 = 4.0;
 /// A turn that moves a dot that faces the camera by so many diameters is the largest that is measured: of longer smears too little
 /// is, and too short.
-const LONGEST: f64 = 1.4;
-/// The share of named dots whose own smear is measured, by the length of the smear over the dot's diameter: of sharp dots, where
-/// half of these are left, and the width of that decline. `bench smear --frames 400 --seed 771 --max-turn-deg 40`: 65, 60, 59, 58,
-/// 54, 45, 21, 9 and 12 % are measured up to 0.25, 0.5, 0.75, 1, 1.25, 1.5, 2, 3 diameters and beyond; 3, 3, 4, 4, 6, 7, 22, 84 and
-/// 69 % of these are off.
-const OWN: [f64; 3] = [0.61, 1.5, 0.2];
-/// The share of which something else is measured: of sharp dots, what comes to it where they are long, where half of that has come,
-/// and its width; and the squared residual that it has.
-const WRONG: [f64; 4] = [0.025, 0.055, 1.6, 0.15];
-const OFF: f64 = 25.0;
+const MAX_LENGTH: f64 = 1.4;
+/// The share of named dots whose own smear is measured, by the length of the smear over the dot's diameter.
+/// `bench smear --frames 400 --seed 771 --max-turn-deg 40`: the blurs of 65, 60, 59, 58, 54, 45, 21, 9 and 12 % are measured up to
+/// 0.25, 0.5, 0.75, 1, 1.25, 1.5, 2, 3 diameters and beyond; 3, 3, 4, 4, 6, 7, 22, 84 and 69 % of these are outliers.
+const DETECTED: Logistic = Logistic {
+    short: 0.61,
+    long: 0.0,
+    half: 1.5,
+    width: 0.2,
+};
+/// The share of which an outlier is measured, by the same table.
+const OUTLIERS: Logistic = Logistic {
+    short: 0.025,
+    long: 0.08,
+    half: 1.6,
+    width: 0.15,
+};
+/// The squared residual at which an outlier is as likely as a smear of the dot's own: five deviations.
+const OUTLIER_SQUARE: f64 = 25.0;
+
+/// A share that goes from one value to another as smears get longer.
+struct Logistic {
+    short: f64,
+    long: f64,
+    /// The length amid the two, over the dot's diameter, and the width of the change.
+    half: f64,
+    width: f64,
+}
+
+impl Logistic {
+    fn at(&self, length: f64) -> f64 {
+        let share = 1.0 / (1.0 + ((self.half - length) / self.width).exp());
+        self.short + (self.long - self.short) * share
+    }
+}
 
 /// How a ball turns during an exposure.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,6 +116,15 @@ struct Smeared {
     information: Matrix3<f64>,
 }
 
+/// Named dots whose blur is not measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UnmeasuredDots<'a> {
+    /// Their middles, unit vectors in the view frame.
+    pub middles: &'a [Vec3],
+    /// Their angular radius, radians.
+    pub radius: f64,
+}
+
 /// A dot whose blur is not measured: how its middle moves with the ball, and its diameter.
 struct Unmeasured {
     by_turn: Matrix2x3<f64>,
@@ -115,12 +149,12 @@ pub struct Smear {
 }
 
 impl Smear {
-    /// Of the dots of a ball that moves by `shift` pixels while the shutter is open, for turns in the camera frame: those whose
-    /// blur is measured, and the middles of others in the image (view frame) with the angular radius of dots; `None` of too few.
+    /// Of the dots of a ball that moves by `shift` pixels while the shutter is open, for turns in the camera frame; `None` of fewer
+    /// than three.
     pub fn new(
         view: &BallView,
         blurs: &[DotBlur],
-        (others, radius): (&[Vec3], f64),
+        others: UnmeasuredDots<'_>,
         shift: Vector2<f64>,
     ) -> Option<Self> {
         let to_view = view.to_camera().inverse().to_rotation_matrix();
@@ -140,14 +174,14 @@ impl Smear {
             })
         });
         let dots: Vec<Smeared> = smeared.collect();
-        let unmeasured = others.iter().map(|middle| Unmeasured {
+        let unmeasured = others.middles.iter().map(|middle| Unmeasured {
             by_turn: by_turn(middle),
-            diameter: 2.0 * radius * ball,
+            diameter: 2.0 * others.radius * ball,
         });
-        (dots.len() + others.len() >= MIN_DOTS).then(|| Self {
+        (dots.len() + others.middles.len() >= MIN_DOTS).then(|| Self {
             dots,
             others: unmeasured.collect(),
-            radius,
+            radius: others.radius,
             shift,
         })
     }
@@ -165,22 +199,22 @@ impl Smear {
 
     /// Ln likelihood of a turn, with the blur of lens and pixels that suits it best, up to a constant that all turns share.
     pub fn ln_likelihood(&self, rotation: &Vec3) -> f64 {
-        let rotation = rotation.cap_magnitude(self.longest());
+        let rotation = rotation.cap_magnitude(self.max_turn());
         let of_dot = |dot: SmearedDot| {
-            let [own, wrong] = shares(dot.length);
+            let (own, outlier) = (DETECTED.at(dot.length), OUTLIERS.at(dot.length));
             match dot.square {
-                Some(square) => {
-                    (own * ln_student(square).exp() + wrong * ln_student(OFF).exp()).ln()
-                }
-                None => (1.0 - own - wrong).ln(),
+                Some(square) => (own * ln_student(square).exp()
+                    + outlier * ln_student(OUTLIER_SQUARE).exp())
+                .ln(),
+                None => (1.0 - own - outlier).ln(),
             }
         };
         self.dots_under(&rotation).map(of_dot).sum()
     }
 
     /// The largest turn that is measured, radians; that a larger one is larger is all that the dots show.
-    pub fn longest(&self) -> f64 {
-        LONGEST * 2.0 * self.radius
+    pub fn max_turn(&self) -> f64 {
+        MAX_LENGTH * 2.0 * self.radius
     }
 
     /// Each dot under a turn, with the blur of lens and pixels that suits it best: those that are measured first.
@@ -326,17 +360,6 @@ impl Smear {
     }
 }
 
-/// The probabilities that the own smear of a dot is measured, which is `length` diameters long, and that something else is.
-fn shares(length: f64) -> [f64; 2] {
-    let come = |half: f64, width: f64| 1.0 / (1.0 + (-(length - half) / width).exp());
-    let [sharp, half, width] = OWN;
-    let [wrong, more, long, by] = WRONG;
-    [
-        sharp * (1.0 - come(half, width)),
-        wrong + more * come(long, by),
-    ]
-}
-
 /// Ln of Student's density, up to a constant.
 fn ln_student(square: f64) -> f64 {
     -0.5 * (DEGREES + 3.0) * (square / DEGREES).ln_1p()
@@ -351,6 +374,11 @@ fn weight(square: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::vision::camera::{BallCircle, Camera, Pixel};
+
+    const NONE: UnmeasuredDots<'_> = UnmeasuredDots {
+        middles: &[],
+        radius: 0.09,
+    };
 
     fn view() -> BallView {
         let camera = Camera::Near {
@@ -404,7 +432,7 @@ mod tests {
         let view = view();
         let turn = Vec3::new(0.05, -0.08, 0.06);
         let blurs = blurs(&view, &turn, Vector2::zeros(), 0.5);
-        let found = Smear::new(&view, &blurs, (&[], 0.09), Vector2::zeros()).and_then(|s| s.turn());
+        let found = Smear::new(&view, &blurs, NONE, Vector2::zeros()).and_then(|s| s.turn());
         let found = found.expect("a turn");
         let error = (found.rotation - turn)
             .norm()
@@ -415,12 +443,12 @@ mod tests {
     }
 
     #[test]
-    fn the_motion_of_the_ball_tells_the_sign() {
+    fn the_motion_of_the_ball_gives_the_sign() {
         let view = view();
         let (turn, shift) = (Vec3::new(0.03, 0.07, -0.05), Vector2::new(3.0, -1.0));
         for turn in [turn, -turn] {
             let blurs = blurs(&view, &turn, shift, 0.4);
-            let smear = Smear::new(&view, &blurs, (&[], 0.09), shift).expect("enough dots");
+            let smear = Smear::new(&view, &blurs, NONE, shift).expect("enough dots");
             let found = smear.turn().expect("a turn");
             assert!(
                 (found.rotation - turn).norm() < 0.03 * turn.norm(),
@@ -434,10 +462,10 @@ mod tests {
     fn sharp_dots_refute_a_fast_spin() {
         let view = view();
         let blurs = blurs(&view, &Vec3::zeros(), Vector2::zeros(), 0.5);
-        let smear = Smear::new(&view, &blurs, (&[], 0.09), Vector2::zeros()).expect("enough dots");
+        let smear = Smear::new(&view, &blurs, NONE, Vector2::zeros()).expect("enough dots");
         let fast = Vec3::new(0.0, 0.7, 0.0);
         assert!(smear.ln_likelihood(&Vec3::zeros()) > smear.ln_likelihood(&fast) + 7.0);
         assert!(smear.turn().is_some_and(|t| t.evidence < 0.5));
-        assert!(Smear::new(&view, &blurs[..2], (&[], 0.09), Vector2::zeros()).is_none());
+        assert!(Smear::new(&view, &blurs[..2], NONE, Vector2::zeros()).is_none());
     }
 }

@@ -124,8 +124,8 @@ pub struct Arguments {
         conflicts_with_all = ["no_sequence", "follow"]
     )]
     motion: MotionModel,
-    /// Exposure of a frame, milliseconds. How far dots are smeared then settles how many whole turns lie between two frames,
-    /// where the frame rate leaves that open.
+    /// Exposure of a frame, milliseconds, to within a tenth. How far dots are smeared then settles how many whole turns lie between
+    /// two frames, where the frame rate leaves that open; an exposure that is far off settles it wrongly.
     #[arg(
         long,
         value_name = "MS",
@@ -322,12 +322,7 @@ impl Arguments {
         batch: &Batch<Picture>,
     ) -> Option<SequenceSmears> {
         let exposure_s = 1e-3 * self.exposure_ms?;
-        let timed = batch
-            .frames
-            .iter()
-            .filter_map(|frame| Some((frame.time_s?, &frame.estimate)));
-        let timed: Vec<(f64, &FrameEstimate)> = timed.collect();
-        SequenceSmears::new(estimator, &timed, exposure_s, &frame.turn())
+        SequenceSmears::new(estimator, &output::named_frames(batch), exposure_s, frame)
     }
 
     /// One for each table.

@@ -34,6 +34,9 @@ const MAX_NAMED: usize = 5;
 /// and that of a phone.
 const FIELDS_DEG: [f64; 2] = [15.0, 65.0];
 
+/// Smears that are longer or shorter than the spin makes them by more than this factor are doubted.
+const MAX_FACTOR: f64 = 1.15;
+
 /// Everything that is reported.
 pub(super) struct Report<'a> {
     arguments: &'a Arguments,
@@ -44,20 +47,33 @@ pub(super) struct Report<'a> {
     orientations: Orientations,
     /// Where the frames have times.
     spin: Option<Result<(SpinSummary, Motion), SpinRejection>>,
-    /// Number of frames whose smears have a say in it.
-    smeared: usize,
+    /// The smears that were weighed.
+    smeared: Option<Smeared>,
 }
 
-/// The file of orientations.
-fn file_of(frame: CameraFrame, batch: &Batch<Picture>) -> Orientations {
+/// What is reported of smears.
+#[derive(Clone, Copy)]
+struct Smeared {
+    /// Number of frames used.
+    frames: usize,
+    /// See [`SequenceSmears::exposure_factor`].
+    factor: Option<f64>,
+}
+
+/// The frames of a batch with their names and times.
+pub(super) fn named_frames(batch: &Batch<Picture>) -> Vec<NamedFrame<'_>> {
     let named = batch.frames.iter().map(|frame| NamedFrame {
         name: &frame.name,
         time_s: frame.time_s,
         estimate: &frame.estimate,
     });
-    let frames: Vec<NamedFrame<'_>> = named.collect();
+    named.collect()
+}
+
+/// The file of orientations.
+fn file_of(frame: CameraFrame, batch: &Batch<Picture>) -> Orientations {
     let is_sequence = matches!(batch.sequence, SequenceOutcome::Estimated { .. });
-    orientations(&frames, frame, is_sequence)
+    orientations(&named_frames(batch), frame, is_sequence)
 }
 
 /// The spin, from the very orientations that are written: without smears `spindoe spin` on the file gives the same.
@@ -138,6 +154,11 @@ impl<'a> Report<'a> {
     ) -> Self {
         let orientations = file_of(frame, batch);
         let spin = spin(arguments, batch, &orientations, smears);
+        let found = spin.as_ref().and_then(|spin| spin.as_ref().ok());
+        let smeared = smears.map(|smears| Smeared {
+            frames: smears.frames(),
+            factor: found.and_then(|(summary, _)| smears.exposure_factor(&summary.fit.motion.spin)),
+        });
         Self {
             arguments,
             frame,
@@ -145,7 +166,7 @@ impl<'a> Report<'a> {
             judgment,
             orientations,
             spin,
-            smeared: smears.map_or(0, SequenceSmears::frames),
+            smeared,
         }
     }
 
@@ -193,7 +214,11 @@ impl<'a> Report<'a> {
                 json["spin"] = spin_summary::to_json(summary, self.frame);
                 motion.add_to(&mut json["spin"]);
                 if let Some(ms) = self.arguments.exposure_ms {
-                    json["spin"]["smears"] = json!({ "exposure_ms": ms, "frames": self.smeared });
+                    json["spin"]["smears"] = json!({
+                        "exposure_ms": ms,
+                        "frames": self.smeared.map_or(0, |s| s.frames),
+                        "length_factor": self.smeared.and_then(|s| s.factor),
+                    });
                 }
             }
             Some(Err(rejection)) => json["spin_refusal"] = rejection.to_string().into(),
@@ -255,13 +280,20 @@ impl<'a> Report<'a> {
     /// What smears have to say of the spin, where an exposure is given.
     fn smear_words(&self) -> Option<String> {
         let ms = self.arguments.exposure_ms?;
-        Some(match self.smeared {
-            0 => format!(
-                "  smears    no frame shows enough dots whose blur is measured: {ms} ms of exposure settle nothing"
+        let Some(Smeared { frames, factor }) = self.smeared else {
+            return Some(format!(
+                "  smears    no frame shows a dot whose blur is measured: {ms} ms of exposure settle nothing"
+            ));
+        };
+        let words = format!(
+            "  smears    of {frames} frames, {ms} ms of exposure, weigh the spins that the orientations leave open"
+        );
+        let off = factor.filter(|factor| !(1.0 / MAX_FACTOR..=MAX_FACTOR).contains(factor));
+        Some(match off {
+            Some(factor) => format!(
+                "{words}\n            warning: the smears are {factor:.2} times as long as this spin makes them: is the exposure right?"
             ),
-            count => format!(
-                "  smears    of {count} frames, {ms} ms of exposure, weigh the spins that the orientations leave open"
-            ),
+            None => words,
         })
     }
 

@@ -3,31 +3,38 @@
 //! Orientations at even times leave open how many whole turns lie between two frames; how far the dots move while the shutter is
 //! open does not. Each frame weighs a spin by [`Smear::ln_likelihood`] of the turn `spin * exposure`, with the ball's own motion
 //! by the outlines of the frames around it. Frames of one clip err alike (one lens, one set of dots, one brightness): together
-//! they count as [`INDEPENDENT`] of them at most.
+//! they count as [`INDEPENDENT`] of them at most. The exposure is known to [`EXPOSURE_SIGMA`] of it: the likelihood is that of
+//! the factor on it that suits best, with the factor's own.
 //!
-//! The sign of a spin is open where the ball hardly moves in the image.
+//! The sign of a spin is open where the ball hardly moves in the image. An exposure that is off by more than that decides for
+//! another spin: see [`SequenceSmears::exposure_factor`].
 
 use nalgebra::Vector2;
 
-use super::{Estimator, FrameEstimate};
-use crate::geometry::{Rotation, Vec3};
+use super::{Estimator, FrameEstimate, NamedFrame};
+use crate::geometry::{CameraFrame, Rotation, Vec3};
 use crate::spin::alias::SpinEvidence;
 use crate::stats::median;
 use crate::vision::detect::DotDetector;
-use crate::vision::smear::{DotBlur, Smear};
+use crate::vision::smear::{DotBlur, Smear, UnmeasuredDots};
 
-/// As many frames as those of a clip count for, at most.
+/// As many frames as those of a clip count for, at most: chosen, and the rates of `bench smear-clips` measured with it.
 const INDEPENDENT: f64 = 4.0;
-/// Nearer than this, radians, a measured place is that of the dot.
+/// Standard deviation of the exposure, over it.
+const EXPOSURE_SIGMA: f64 = 0.1;
+/// Factors of the exposure that are tried, in deviations.
+const FACTORS: [f64; 5] = [-2.0, -1.0, 0.0, 1.0, 2.0];
+/// Nearer than this, radians, a measured place is that of the dot: half the least distance of dots on any shipped design.
 const SAME_DOT: f64 = 0.1;
-/// Angular radius of dots where none is measured, radians: that of 4 mm on a table tennis ball.
-const USUAL_RADIUS: f64 = 0.1;
+/// Ln odds of a turn against none from which on a frame says how long its smear is.
+const CLEAR: f64 = 5.0;
 
 impl<D: DotDetector> Estimator<D> {
     /// How the dots of a frame with a pose are smeared, whose ball moved by `shift` pixels while the shutter was open; `None` where
-    /// too few were measured: see [`EstimatorConfig::measures_blur`](super::EstimatorConfig::measures_blur).
+    /// no blur is measured ([`EstimatorConfig::measures_blur`](super::EstimatorConfig::measures_blur)), or of fewer than three dots.
     pub fn smear(&self, frame: &FrameEstimate, shift: Vector2<f64>) -> Option<Smear> {
-        if !self.config.measures_blur {
+        // Where nothing is measured, nothing may have been tried: a deadline, places that were not refined.
+        if frame.blurs.is_empty() {
             return None;
         }
         let (view, pose) = (self.view(frame)?, frame.pose()?);
@@ -38,13 +45,13 @@ impl<D: DotDetector> Estimator<D> {
         };
         let named = frame.assignment.iter().flatten();
         let middles = named.map(|&name| to_view * self.pattern().dots()[usize::from(name)]);
-        let others: Vec<Vec3> = middles.filter(|middle| !is_measured(middle)).collect();
+        let middles: Vec<Vec3> = middles.filter(|middle| !is_measured(middle)).collect();
         let mut radii: Vec<f64> = frame.blurs.iter().map(|blur| blur.radius).collect();
-        let radius = match radii.is_empty() {
-            true => USUAL_RADIUS,
-            false => median(&mut radii),
+        let others = UnmeasuredDots {
+            middles: &middles,
+            radius: median(&mut radii),
         };
-        Smear::new(&view, &frame.blurs, (&others, radius), shift)
+        Smear::new(&view, &frame.blurs, others, shift)
     }
 }
 
@@ -57,48 +64,68 @@ pub struct SequenceSmears {
 }
 
 impl SequenceSmears {
-    /// Of frames with their times in seconds, increasing, whose shutter was open for `exposure_s`; spins are in the frame that
-    /// `turn` leads to from the camera's. `None` where no frame has enough dots whose blur was measured: see
-    /// [`EstimatorConfig::measures_blur`](super::EstimatorConfig::measures_blur).
+    /// Of the frames that have times, which increase, whose shutter was open for `exposure_s`; spins are in `frame`. `None` where no
+    /// frame has a smear: see [`Estimator::smear`].
     pub fn new<D: DotDetector>(
         estimator: &Estimator<D>,
-        frames: &[(f64, &FrameEstimate)],
+        frames: &[NamedFrame<'_>],
         exposure_s: f64,
-        turn: &Rotation,
+        frame: CameraFrame,
     ) -> Option<Self> {
         let smear = |k: usize| {
             let shift = velocity(frames, k) * exposure_s;
-            estimator.smear(frames[k].1, shift)
+            estimator.smear(frames[k].estimate, shift)
         };
         let smears: Vec<Smear> = (0..frames.len()).filter_map(smear).collect();
         let weight = (INDEPENDENT / smears.len() as f64).min(1.0);
-        (!smears.is_empty()).then_some(Self {
+        (!smears.is_empty()).then(|| Self {
             smears,
             exposure_s,
-            to_camera: turn.inverse(),
+            to_camera: frame.turn().inverse(),
             weight,
         })
     }
 
-    /// Number of frames that have a say.
+    /// Number of frames used.
     pub fn frames(&self) -> usize {
         self.smears.len()
+    }
+
+    /// How long the smears are over what a spin makes of the exposure, the median of the frames whose smear is clear; `None` where none
+    /// is, or where the spin smears by more than is measured. Far from 1 the exposure or the spin is wrong.
+    pub fn exposure_factor(&self, spin: &Vec3) -> Option<f64> {
+        let expected = spin.norm() * self.exposure_s;
+        let clear = self
+            .smears
+            .iter()
+            .filter(|smear| expected < smear.max_turn());
+        let turns = clear.filter_map(|smear| smear.turn().filter(|turn| turn.evidence >= CLEAR));
+        let mut factors: Vec<f64> = turns.map(|turn| turn.angle() / expected).collect();
+        (!factors.is_empty() && expected > 0.0).then(|| median(&mut factors))
     }
 }
 
 impl SpinEvidence for SequenceSmears {
     fn ln_likelihood(&self, spin: &Vec3) -> f64 {
         let turn = self.to_camera * spin * self.exposure_s;
-        let all: f64 = self.smears.iter().map(|s| s.ln_likelihood(&turn)).sum();
-        self.weight * all
+        let by_factor = |deviations: f64| {
+            let turn = turn * (1.0 + EXPOSURE_SIGMA * deviations);
+            let all: f64 = self.smears.iter().map(|s| s.ln_likelihood(&turn)).sum();
+            self.weight * all - 0.5 * deviations * deviations
+        };
+        FACTORS
+            .map(by_factor)
+            .into_iter()
+            .fold(f64::NEG_INFINITY, f64::max)
     }
 }
 
-/// How fast the ball moves in the image at a frame, pixels a second, by the frames next to it; 0 where those have no outline.
-fn velocity(frames: &[(f64, &FrameEstimate)], k: usize) -> Vector2<f64> {
+/// How fast the ball moves in the image at a frame, pixels a second, by the frames next to it; 0 where those have no outline or no
+/// time.
+fn velocity(frames: &[NamedFrame<'_>], k: usize) -> Vector2<f64> {
     let seen = |k: usize| {
-        let (time_s, frame) = frames.get(k)?;
-        frame.circle.map(|circle| (*time_s, circle.center))
+        let frame = frames.get(k)?;
+        Some((frame.time_s?, frame.estimate.circle?.center))
     };
     let before = k.checked_sub(1).and_then(seen).or_else(|| seen(k));
     let after = seen(k + 1).or_else(|| seen(k));

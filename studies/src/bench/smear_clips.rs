@@ -4,7 +4,8 @@
 //! Every clip is estimated in two passes; of the spins that its orientations allow, the one is taken for which they and the smears
 //! speak together. *Apart* are the clips whose candidates smear by 5 degrees or more differently from the true spin, where turns
 //! beyond 16 degrees, which are not measured, count as these. A spin is decided where its probability among the candidates exceeds
-//! 0.99; without a decision the slowest is taken.
+//! 0.99; without a decision the slowest is taken. Spins within a quarter of the frame rate are the same; *another one* are the clips
+//! whose orientations do not allow the true spin.
 //!
 //!     cargo run --release -p spindoe-studies -- smear-clips --help
 
@@ -13,7 +14,7 @@ use std::f64::consts::TAU;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use spindoe::geometry::{CameraFrame, Rotation, Vec3, random_direction};
+use spindoe::geometry::{CameraFrame, Vec3, random_direction};
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::spin::alias::AliasConfig;
@@ -59,6 +60,9 @@ pub struct Args {
     /// Diameter of the ball, pixels.
     #[arg(long, default_value_t = 60.0)]
     px: f64,
+    /// The exposure that is stated, over the true one.
+    #[arg(long, default_value_t = 1.0)]
+    exposure_factor: f64,
     /// Spins, revolutions per second.
     #[arg(long, value_delimiter = ',', default_value = "10,150")]
     rps: Vec<f64>,
@@ -67,6 +71,8 @@ pub struct Args {
 /// What came of a clip with a spin that is the true one but for whole turns.
 #[derive(Clone, Copy)]
 struct Clip {
+    /// Whether the true spin is among those that the orientations allow.
+    is_open: bool,
     is_apart: bool,
     is_right: bool,
     /// Whether it would be right without the smears.
@@ -96,6 +102,7 @@ impl Args {
             "fps",
             "exposure",
             "clips with a spin",
+            "another one",
             "apart",
             "of these right",
             "right and decided",
@@ -113,9 +120,11 @@ impl Args {
                     .map(clip)
                     .collect::<spindoe::Result<Vec<Option<Clip>>>>()?;
                 let found: Vec<Clip> = clips.into_iter().flatten().collect();
+                let (open, lost): (Vec<Clip>, Vec<Clip>) =
+                    found.iter().partition(|clip| clip.is_open);
                 let (apart, others): (Vec<Clip>, Vec<Clip>) =
-                    found.iter().partition(|clip| clip.is_apart);
-                row!(table; fps, format!("1/{shutter} s"), found.len(), apart.len(),
+                    open.iter().partition(|clip| clip.is_apart);
+                row!(table; fps, format!("1/{shutter} s"), found.len(), lost.len(), apart.len(),
                     share(&apart, |c| c.is_right),
                     share(&apart, |c| c.is_right && c.is_decided()),
                     share(&apart, |c| !c.is_right && c.is_decided()),
@@ -171,8 +180,8 @@ impl Args {
             found.measurements(),
             found.spin_config(SpinConfig::default()),
         );
-        let timed: Vec<_> = times_s.iter().copied().zip(&frames).collect();
-        let smears = SequenceSmears::new(estimator, &timed, exposure_s, &Rotation::identity());
+        let stated_s = exposure_s * self.exposure_factor;
+        let smears = SequenceSmears::new(estimator, &named, stated_s, CameraFrame::View);
         let slowest = SpinEstimate::fit(&measurements, MotionModel::Constant, &config);
         let (Ok(slowest), Some(smears)) = (slowest, smears) else {
             return Ok(None);
@@ -196,9 +205,6 @@ impl Args {
         let is_true = |spin: &Vec3| (spin - truth).norm() < 0.25 * fps * TAU;
         let others = all.alternatives.iter().map(|a| a.spin);
         let candidates: Vec<Vec3> = others.chain([all.fit.motion.spin]).collect();
-        if !candidates.iter().any(is_true) {
-            return Ok(None);
-        }
         let turn_deg = |spin: &Vec3| (spin.norm() * exposure_s).to_degrees().min(LONGEST_DEG);
         let is_apart = |spin: &Vec3| (turn_deg(spin) - turn_deg(&truth)).abs() >= APART_DEG;
         let odds = summary
@@ -206,6 +212,7 @@ impl Args {
             .iter()
             .map(|a| a.log_likelihood_ratio.exp());
         Ok(Some(Clip {
+            is_open: candidates.iter().any(is_true),
             is_apart: candidates.iter().filter(|s| !is_true(s)).all(is_apart),
             is_right: is_true(&summary.fit.motion.spin),
             is_slowest: is_true(&slowest.at(slowest.middle_s()).motion.spin),

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
 use spindoe::Pattern;
-use spindoe::geometry::{CameraFrame, Rotation, Vec3};
+use spindoe::geometry::{CameraFrame, Vec3};
 use spindoe::image::ImageView;
 use spindoe::spin::alias::AliasConfig;
 use spindoe::spin::estimate::{MotionModel, SpinEstimate};
@@ -111,18 +111,22 @@ fn smears_settle_what_the_frame_rate_leaves_open() {
                 time_s: Some(*time_s),
                 estimate,
             });
-        let rows = orientations(&named.collect::<Vec<_>>(), CameraFrame::View, true);
+        let named: Vec<NamedFrame<'_>> = named.collect();
+        let rows = orientations(&named, CameraFrame::View, true);
         let (measurements, config) = (rows.measurements(), rows.spin_config(SpinConfig::default()));
-        let timed: Vec<_> = times_s.iter().copied().zip(&found).collect();
-        let still = Rotation::identity();
-        let smears = SequenceSmears::new(&estimator, &timed, EXPOSURE_S, &still).unwrap();
+        let smears =
+            SequenceSmears::new(&estimator, &named, EXPOSURE_S, CameraFrame::View).unwrap();
         assert!(smears.frames() >= 8, "{}", smears.frames());
         let model = MotionModel::Constant;
         let slowest = SpinEstimate::fit(&measurements, model, &config).unwrap();
         assert!((slowest.at(0.0).motion.rps() - 30.0).abs() < 1.0);
         let settled = SpinEstimate::fit_with(&measurements, model, &config, &smears).unwrap();
         assert!((settled.at(0.0).motion.rps() - rps).abs() < 1.0, "{rps}");
-        // The other one is not even listed.
+        let factor = smears
+            .exposure_factor(&settled.at(0.0).motion.spin)
+            .unwrap();
+        assert!((factor - 1.0).abs() < 0.1, "{factor}");
+        // Other spins are not even listed.
         let listed = AliasConfig::default();
         let summary = settled
             .summary(&measurements, 0.0, &listed, 10)
