@@ -29,7 +29,7 @@ pub(super) const STOPPING: &str = "stopping: what was found is evaluated and wri
 const STOPPING_SHARD: &str = "stopping: the search is kept for --resume once its work in hand is done; Ctrl-C again quits at once";
 /// What more dots give, of 5 000 rendered frames with any background (README, "How well it works").
 const MORE_DOTS: &str = "More dots serve most cameras better, where you can draw them: of rendered frames with any background \
-                         dots40 answers 95.9 % right, dots20 90.7 %. `spindoe advise` says it of your camera.";
+                         dots40 answers 94.1 % right, dots20 87.9 %. `spindoe advise` says it of your camera.";
 /// Most dots of a design of which that is said.
 const FEW_DOTS: usize = 24;
 /// The default folder's name; a number is added where it is taken.
