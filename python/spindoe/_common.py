@@ -73,21 +73,28 @@ def optional(module: str, extra: str) -> Any:
     """A module that the package does without.
 
     Raises:
-        ValueError: Where it is not installed: with what installs it.
+        ValueError: Where it is not installed: with what installs it. Where it is and cannot be imported: with the reason.
     """
     try:
         return importlib.import_module(module)
     except ImportError as error:
         name = module.partition(".")[0]
-        raise ValueError(f"{name}: expected it to be installed: pip install spindoe[{extra}]") from error
+        # A module that it needs itself, or a library of the system, is another matter.
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+            raise ValueError(f"{name}: expected it to be installed: pip install spindoe[{extra}]") from error
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{name}: it is installed and cannot be imported: {reason}") from error
+
+
+def scipy_rotation() -> type[Rotation]:
+    """SciPy's class of rotations."""
+    rotation: type[Rotation] = optional("scipy.spatial.transform", "scipy").Rotation
+    return rotation
 
 
 def to_scipy(quaternion_wxyz: Floats) -> Rotation:
     """SciPy's rotation of a quaternion, or of many; SciPy puts the scalar last."""
-    rotation: Rotation = optional("scipy.spatial.transform", "scipy").Rotation.from_quat(
-        np.roll(quaternion_wxyz, -1, axis=-1)
-    )
-    return rotation
+    return scipy_rotation().from_quat(np.roll(quaternion_wxyz, -1, axis=-1))
 
 
 def rotation_matrix(quaternion_wxyz: Floats) -> Floats:

@@ -29,9 +29,12 @@ def _axes(ax: Axes | None) -> Axes:
 
 
 def _ball(ax: Axes, center: tuple[float, float], radius: float) -> None:
-    from matplotlib.patches import Circle
+    ax.add_patch(optional("matplotlib.patches", "plot").Circle(center, radius, fill=False, edgecolor="0.4", linewidth=1.0))
 
-    ax.add_patch(Circle(center, radius, fill=False, edgecolor="0.4", linewidth=1.0))
+
+def _rim(color: str) -> list[Any]:
+    """The effect that sets letters off from what they stand on."""
+    return [optional("matplotlib.patheffects", "plot").withStroke(linewidth=2.5, foreground=color)]
 
 
 def pattern(pattern: Pattern, ax: Axes | None = None, *, dot_radius_rad: float = 0.1, **style: Any) -> Axes:
@@ -43,11 +46,9 @@ def pattern(pattern: Pattern, ax: Axes | None = None, *, dot_radius_rad: float =
         dot_radius_rad: Angular radius of a dot; 0.1 is a dot of 4 mm on a ball of 40 mm.
         style: Of the dots: arguments of `matplotlib.patches.Polygon`.
     """
-    from matplotlib.patches import Polygon
-    from matplotlib.patheffects import withStroke
-
     ax = _axes(ax)
-    rim_of_number = [withStroke(linewidth=2.5, foreground=DOT)]
+    polygon = optional("matplotlib.patches", "plot").Polygon
+    rim_of_number = _rim(DOT)
     given = {"color": DOT, **style}
     around = np.linspace(0.0, 2.0 * np.pi, 25)
     for side, shift in ((1.0, -1.1), (-1.0, 1.1)):
@@ -61,7 +62,7 @@ def pattern(pattern: Pattern, ax: Axes | None = None, *, dot_radius_rad: float =
             second = np.cross(dot, first)
             rim = np.outer(np.cos(around), first) + np.outer(np.sin(around), second)
             outline = np.cos(dot_radius_rad) * dot + np.sin(dot_radius_rad) * rim
-            ax.add_patch(Polygon(outline[:, :2] + [shift, 0.0], **given))
+            ax.add_patch(polygon(outline[:, :2] + [shift, 0.0], **given))
             ax.annotate(
                 str(index), dot[:2] + [shift, 0.0], ha="center", va="center", fontsize=7,
                 color="white", path_effects=rim_of_number,
@@ -143,10 +144,8 @@ def frame(
         color: The order of the image's channels, as there.
         ax: Where to draw.
     """
-    from matplotlib.patheffects import withStroke
-
     ax = _axes(ax)
-    rim_of_number = [withStroke(linewidth=2.5, foreground="white")]
+    rim_of_number = _rim("white")
     ax.imshow(rgb8(image, color))
     if found.circle is not None:
         u, v, radius = found.circle

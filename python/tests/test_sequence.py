@@ -15,10 +15,14 @@ import pytest
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-from conftest import run
+from conftest import ROOT, run
+from spindoe_ros import bag
+from spindoe_ros.core import Settings, SpinCore
 
 import spindoe
+import spindoe.compat
 from spindoe import _cluster
+from spindoe._common import optional
 
 SPIN = (40.0, 150.0, -60.0)
 EASY = {"ball_px": [100, 100], "camera_distance_radii": [20, 20]}
@@ -150,20 +154,58 @@ def test_a_rejected_frame_has_a_row(found):
     assert rows["radius_px"][4] == found.frames[4].circle[2]
 
 
-def test_where_an_extra_is_missing_one_line_says_what_to_install(found, table, monkeypatch):
-    for module, extra, call in [
+def test_where_an_extra_is_missing_one_line_says_what_to_install(found, clip, table, tmp_path, monkeypatch):
+    frame, spin, times = found.frames[0], found.spin, found.times_s[:4]
+    hasher = spindoe.compat.BayGeoHasher()
+    hasher.gen_hash_table(table.pattern.dots)
+    turns = spin.as_rotation(times)
+    regressor = spindoe.compat.SpinRegressor()
+    core = SpinCore(Settings(str(ROOT / "designs/dots20/table.npz")))
+    for library, extra, call in [
         ("pandas", "pandas", found.to_dataframe),
-        ("matplotlib.pyplot", "plot", found.plot),
-        ("matplotlib.pyplot", "plot", table.pattern.plot),
-        ("scipy.spatial.transform", "scipy", found.frames[0].pose.as_rotation),
-        ("scipy.spatial.transform", "scipy", found.spin.as_rotation),
+        ("matplotlib", "plot", found.plot),
+        ("matplotlib", "plot", table.pattern.plot),
+        ("matplotlib", "plot", lambda: frame.plot(clip[0][0], table=table, color="rgb")),
+        ("scipy", "scipy", frame.pose.as_rotation),
+        ("scipy", "scipy", spin.as_rotation),
+        ("scipy", "scipy", lambda: spin.as_rotation(times)),
+        ("scipy", "scipy", lambda: spindoe.compat.BayGeoHasher().gen_hash_table(table.pattern.dots)),
+        ("scipy", "scipy", lambda: hasher.verification(0, 1, table.pattern.dots)),
+        ("scipy", "scipy", lambda: regressor.regress(times, turns)),
+        ("scipy", "scipy", lambda: regressor.quat2rot([1.0, 0.0, 0.0, 0.0])),
+        ("scipy", "scipy", lambda: spindoe.compat.SpinDOE.predicted_rots(None, turns, 0.0, times, spin.spin_rad_s)),
         ("trimesh", "mesh", lambda: spindoe.Stencil(table).to_trimesh("a")),
         ("ray", "ray", lambda: list(_cluster.run(print, [()], ray="local"))),
+        ("rosbags", "ros", lambda: bag.process(tmp_path / "in", tmp_path / "out", core)),
     ]:
         with monkeypatch.context() as without:
-            without.setitem(sys.modules, module, None)
-            with pytest.raises(ValueError, match=rf"^{module.split('.')[0]}: .*pip install spindoe\[{extra}\]$"):
+            # All of it, however much is imported.
+            for name in [library, *(name for name in sys.modules if name.startswith(f"{library}."))]:
+                without.setitem(sys.modules, name, None)
+            with pytest.raises(ValueError, match=rf"^{library}: .*pip install spindoe\[{extra}\]$"):
                 call()
+
+
+def test_without_rosbags_the_command_says_what_to_install(tmp_path):
+    """Also where the module itself is run: it imports nothing of its extra."""
+    script = (
+        "import sys; sys.modules['rosbags'] = None; from spindoe_ros import bag\n"
+        f"sys.exit(bag.main(['in', {str(tmp_path / 'out')!r}, '--table', 'dots20']))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.startswith("spindoe_ros.bag: rosbags: ") and "pip install spindoe[ros]" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "reason", ["ImportError('libGL.so.1: cannot open\\nshared object file')", "ModuleNotFoundError('no arrow', name='arrow')"]
+)
+def test_an_extra_that_is_there_and_broken_says_why(reason, tmp_path, monkeypatch):
+    (tmp_path / "broken_extra.py").write_text(f"raise {reason}")
+    monkeypatch.syspath_prepend(tmp_path)
+    words = "libGL.so.1: cannot open shared object file" if "libGL" in reason else "no arrow"
+    with pytest.raises(ValueError, match=rf"^broken_extra: it is installed and cannot be imported: {words}$"):
+        optional("broken_extra", "live")
 
 
 def test_the_package_needs_none_of_its_extras():
