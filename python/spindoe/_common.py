@@ -7,7 +7,8 @@ import json
 import math
 import os
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -109,14 +110,22 @@ def rotation_matrix(quaternion_wxyz: Floats) -> Floats:
     )
 
 
-def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
-    """Writes a file that appears whole or not at all, with the rights that a new file has."""
-    aside = Path(f"{os.fspath(path)}.{uuid.uuid4().hex}.part")
+@contextmanager
+def aside_of(path: str | os.PathLike[str]) -> Generator[Path]:
+    """A place to write a file beside `path`, with its ending; it is moved there when all went well, else it is removed."""
+    stem, ending = os.path.splitext(os.fspath(path))
+    aside = Path(f"{stem}.{uuid.uuid4().hex}.part{ending}")
     try:
-        aside.write_bytes(content)
+        yield aside
         os.replace(aside, path)
     finally:
         aside.unlink(missing_ok=True)
+
+
+def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
+    """Writes a file that appears whole or not at all, with the rights that a new file has."""
+    with aside_of(path) as aside:
+        aside.write_bytes(content)
 
 
 def progress_of(progress: bool | Progress, total: int, unit: str) -> tuple[Progress | None, Any]:
