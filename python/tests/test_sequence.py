@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -121,6 +122,32 @@ def test_other_files_are_refused_in_one_line(found, table, tmp_path):
             load(path)
     with pytest.raises(OSError, match="nowhere"):
         load(tmp_path / "nowhere.npz")
+
+
+def test_a_damaged_file_is_refused_in_one_line(clip, estimator, tmp_path):
+    """Any bit and any end: what is loaded is what was saved, or a line names the file."""
+    path = tmp_path / "clip.npz"
+    found = estimator.estimate_sequence(clip[0][:3], clip[1][:3], color="rgb")
+    found.save(path)
+    content = path.read_bytes()
+    random = np.random.default_rng(1)
+    # What stands at the end and at the front decides how all else is read: every byte there, and others at random.
+    places = [*range(len(content) - 250, len(content)), *range(100), *random.integers(0, len(content), 200)]
+    refused = 0
+    for place in places:
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << random.integers(8)
+        path.write_bytes(damaged)
+        try:
+            _same(spindoe.SequenceEstimate.load(path), found)
+        except ValueError as error:
+            refused += 1
+            assert str(error).startswith(f"{path}: ") and "\n" not in str(error)
+    assert refused > len(places) // 2
+    for end in random.integers(0, len(content), 50):
+        path.write_bytes(content[:end])
+        with pytest.raises(ValueError, match=f"^{re.escape(str(path))}: expected a sequence"):
+            spindoe.SequenceEstimate.load(path)
 
 
 def test_the_data_frame_is_the_commands_table(pattern, estimator, command, tmp_path):
