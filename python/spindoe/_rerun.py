@@ -11,6 +11,7 @@ import numpy as np
 from ._common import Floats, aside_of, optional
 from ._frame import FrameEstimate
 from ._image import Color, Image, rgb8
+from ._palette import IDENTIFIED, OTHER, OUTLINE
 from ._pattern import PathLike, Tabled, as_table
 from ._sequence import SequenceEstimate
 from ._spin import Spin
@@ -19,7 +20,6 @@ from ._vision import TrackerState
 if TYPE_CHECKING:
     import rerun
 
-NAMED, UNNAMED, OUTLINE = (60, 200, 255), (255, 90, 60), (0, 220, 120)
 _Row = tuple[float | None, FrameEstimate, Floats, Floats | None]
 """Of a frame its time, the frame, the orientation, and the spin."""
 
@@ -99,7 +99,7 @@ def _log(
     numbers = [str(k) for k in range(len(dots))]
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
     stream.log("world/ball/sphere", rr.Ellipsoids3D(half_sizes=[[1.0, 1.0, 1.0]]), static=True)
-    stream.log("world/ball/dots", rr.Points3D(dots, radii=0.06, labels=numbers, colors=NAMED), static=True)
+    stream.log("world/ball/dots", rr.Points3D(dots, radii=0.06, labels=numbers, colors=IDENTIFIED), static=True)
     around = np.linspace(0.0, 2.0 * np.pi, 65)
     ring = np.stack([np.cos(around), np.sin(around)], axis=1)
 
@@ -115,7 +115,7 @@ def _log(
             "image/dots",
             rr.Points2D(
                 frame.dots[:, :2] + 0.5,
-                colors=[NAMED if named else UNNAMED for named in is_named],
+                colors=[IDENTIFIED if named else OTHER for named in is_named],
                 labels=[str(number) if number >= 0 else "" for number in frame.assignment],
             ),
         )

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _palette
 from ._common import Floats, aside_of, optional, rotation_matrix
 from ._frame import Camera
 from ._image import Color, Image, rgb8
@@ -37,8 +38,10 @@ Source = int | PathLike | Iterable[tuple[Image, float]]
 """A camera's index, a video, a folder of images, or images with their times in seconds."""
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".pnm", ".pbm")
 
-# Blue, green, red: as the overlays of the command.
-OUTLINE, NAMED, UNNAMED, EXPECTED = (120, 220, 0), (255, 200, 60), (60, 90, 255), (40, 230, 255)
+# Blue, green, red.
+OUTLINE, IDENTIFIED, OTHER, EXPECTED = (
+    color[::-1] for color in (_palette.OUTLINE, _palette.IDENTIFIED, _palette.OTHER, _palette.EXPECTED)
+)
 AXES = ((60, 60, 255), (60, 200, 60), (255, 120, 60))
 SPIN, WORDS = (255, 80, 255), (235, 235, 235)
 MIN_SIDE = 360
@@ -132,10 +135,10 @@ def draw(
             ends = at(u - tip[0], v - tip[1]), at(u + tip[0], v + tip[1])
             cv2.arrowedLine(picture, *ends, SPIN, 1, cv2.LINE_AA, tipLength=0.06)
     for (u, v, _), number in zip(frame.dots, frame.assignment, strict=True):
-        cv2.circle(picture, at(u, v), 6, NAMED if number >= 0 else UNNAMED, 1, cv2.LINE_AA)
+        cv2.circle(picture, at(u, v), 6, IDENTIFIED if number >= 0 else OTHER, 1, cv2.LINE_AA)
         if number >= 0:
             x, y = at(u, v)
-            say(str(number), (x + 7, y - 5), NAMED, picture)
+            say(str(number), (x + 7, y - 5), IDENTIFIED, picture)
 
     pose = frame.pose
     lines = [

@@ -91,7 +91,7 @@ def test_what_is_drawn_is_where_it_is(last, table, camera):
     ring = np.linalg.norm(_at(live.OUTLINE, picture) - (scale * (np.array([u, v]) + 0.5) - 0.5), axis=1)
     assert len(ring) > 300 and abs(np.median(ring) - scale * radius) < scale * 2.0
     for (x, y, _), number in zip(state.frame.dots, state.frame.assignment, strict=True):
-        of_kind = _at(live.NAMED if number >= 0 else live.UNNAMED, picture)
+        of_kind = _at(live.IDENTIFIED if number >= 0 else live.OTHER, picture)
         assert np.median(np.sort(np.linalg.norm(of_kind - (scale * (np.array([x, y]) + 0.5) - 0.5), axis=1))[:12]) < 9
 
 

@@ -24,6 +24,7 @@ import spindoe
 import spindoe.compat
 from spindoe import _cluster
 from spindoe._common import optional
+from spindoe._palette import OTHER, on_white
 
 SPIN = (40.0, 150.0, -60.0)
 EASY = {"ball_px": [100, 100], "camera_distance_radii": [20, 20]}
@@ -301,7 +302,7 @@ def test_frames_and_sequences_are_shown(found):
     assert found.frames[5].pose.reason in "".join(root.itertext())
     root, svg = _svg(found._repr_html_())
     bars = _all(svg, "rect")
-    assert len(bars) == 14 and [k for k, bar in enumerate(bars) if bar.get("fill") == "#d1495b"] == [5]
+    assert len(bars) == 14 and [k for k, bar in enumerate(bars) if bar.get("fill") == on_white(OTHER)] == [5]
     heights = [float(bar.get("height")) for k, bar in enumerate(bars) if k != 5]
     assert np.allclose(heights, [40 * c for k, c in enumerate(found.confidences) if k != 5], atol=0.01)
     assert " rps" in "".join(root.itertext())
