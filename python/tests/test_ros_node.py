@@ -103,7 +103,7 @@ def test_compressed_images_have_a_topic_of_their_own(rclpy, clip, monkeypatch):
         rclpy.module.SpinNode()
 
 
-def test_an_overlay_for_who_listens(rclpy, clip):
+def test_an_overlay_while_somebody_subscribes(rclpy, clip):
     node = rclpy.module.SpinNode()
     _, on_image, _ = node.subscriptions["image"]
     publisher = node.publishers["ball/overlay"]
