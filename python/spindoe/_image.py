@@ -32,8 +32,8 @@ _PIL_MODES: dict[str, Color] = {"L": "gray", "I;16": "gray", "RGB": "rgb", "RGBA
 def pixels(name: str, image: Any, color: Color | None) -> tuple[Any, Color]:
     """An image as the native part takes it, and the order of its channels, ``gray``, ``rgb`` or ``bgr``.
 
-    Arrays of whole numbers stay where they lie, but for those of another byte order. Floats from 0 to 1 are rounded to 16 bits. Alpha is left out: the other
-    channels are taken as they are.
+    Arrays of whole numbers stay where they lie, but for those of another byte order. Floats from 0 to 1 are rounded to 16
+    bits. Alpha is left out: the other channels are taken as they are.
 
     Raises:
         ValueError: Naming `name` or ``color``.

@@ -7,8 +7,9 @@
 `draw` only draws. All need OpenCV (``pip install spindoe[live]``), the window one that has windows: ``opencv-python``, not
 ``opencv-python-headless``.
 
-A camera is read in a thread of its own: the newest frame is taken, and those that come while one is worked on are dropped and
-counted. A frame is shown after the latency that the picture states, without what camera, driver and screen add. Files are played at the rate of their times, every frame of them.
+A camera is read in a thread of its own: the newest frame is taken, and those that come while one is worked on are dropped
+and counted. A frame is shown after the latency that the picture states, without what camera, driver and screen add. Files
+are played at the rate of their times, every frame of them.
 """
 
 from __future__ import annotations
