@@ -7,7 +7,8 @@ import json
 import math
 import os
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -73,21 +74,28 @@ def optional(module: str, extra: str) -> Any:
     """A module that the package does without.
 
     Raises:
-        ValueError: Where it is not installed: with what installs it.
+        ValueError: Where it is not installed: with what installs it. Where it is and cannot be imported: with the reason.
     """
     try:
         return importlib.import_module(module)
     except ImportError as error:
         name = module.partition(".")[0]
-        raise ValueError(f"{name}: expected it to be installed: pip install spindoe[{extra}]") from error
+        # A module that it needs itself, or a library of the system, is another matter.
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+            raise ValueError(f"{name}: expected it to be installed: pip install spindoe[{extra}]") from error
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{name}: it is installed and cannot be imported: {reason}") from error
+
+
+def scipy_rotation() -> type[Rotation]:
+    """SciPy's class of rotations."""
+    rotation: type[Rotation] = optional("scipy.spatial.transform", "scipy").Rotation
+    return rotation
 
 
 def to_scipy(quaternion_wxyz: Floats) -> Rotation:
     """SciPy's rotation of a quaternion, or of many; SciPy puts the scalar last."""
-    rotation: Rotation = optional("scipy.spatial.transform", "scipy").Rotation.from_quat(
-        np.roll(quaternion_wxyz, -1, axis=-1)
-    )
-    return rotation
+    return scipy_rotation().from_quat(np.roll(quaternion_wxyz, -1, axis=-1))
 
 
 def rotation_matrix(quaternion_wxyz: Floats) -> Floats:
@@ -102,14 +110,22 @@ def rotation_matrix(quaternion_wxyz: Floats) -> Floats:
     )
 
 
-def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
-    """Writes a file that appears whole or not at all, with the rights that a new file has."""
-    aside = Path(f"{os.fspath(path)}.{uuid.uuid4().hex}.part")
+@contextmanager
+def aside_of(path: str | os.PathLike[str]) -> Generator[Path]:
+    """A place to write a file beside `path`, with its ending; it is moved there when all went well, else it is removed."""
+    stem, ending = os.path.splitext(os.fspath(path))
+    aside = Path(f"{stem}.{uuid.uuid4().hex}.part{ending}")
     try:
-        aside.write_bytes(content)
+        yield aside
         os.replace(aside, path)
     finally:
         aside.unlink(missing_ok=True)
+
+
+def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
+    """Writes a file that appears whole or not at all, with the rights that a new file has."""
+    with aside_of(path) as aside:
+        aside.write_bytes(content)
 
 
 def progress_of(progress: bool | Progress, total: int, unit: str) -> tuple[Progress | None, Any]:

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ._common import Floats
+from ._palette import DOT, IDENTIFIED, OTHER, OUTLINE, css, on_white
 
 if TYPE_CHECKING:
     from ._frame import FrameEstimate
     from ._sequence import SequenceEstimate
 
-
-DOT = "#1f4e79"
-MATCHED = "#2a9d3a"
-LEFT_OUT = "#d1495b"
+_DOT, _OUTLINE, _IDENTIFIED, _OTHER = css(DOT), on_white(OUTLINE), on_white(IDENTIFIED), on_white(OTHER)
 
 
 def _page(width: float, height: float, shapes: Iterable[str], words: Iterable[str]) -> str:
@@ -60,7 +58,7 @@ def ball(dots: Floats, dot_radius_rad: float, words: str) -> str:
             across = radius * np.sin(dot_radius_rad)
             # Seen at an angle, a dot is narrower in the direction of the ball's center.
             shapes.append(
-                f'<ellipse cx="{at[0]:.2f}" cy="{at[1]:.2f}" rx="{across * z:.2f}" ry="{across:.2f}" fill="{DOT}" '
+                f'<ellipse cx="{at[0]:.2f}" cy="{at[1]:.2f}" rx="{across * z:.2f}" ry="{across:.2f}" fill="{_DOT}" '
                 f'transform="rotate({-np.rad2deg(np.arctan2(y, x)):.2f} {at[0]:.2f} {at[1]:.2f})"/>'
             )
             shapes.append(_number(*at, number, "white"))
@@ -74,10 +72,10 @@ def frame(found: FrameEstimate) -> str:
         return _page(0.0, 0.0, [], words)
     u, v, radius = found.circle
     scale = 90.0 / radius
-    shapes = [_circle(100.0, 100.0, 90.0, 'fill="white" stroke="gray"')]
+    shapes = [_circle(100.0, 100.0, 90.0, f'fill="white" stroke="{_OUTLINE}"')]
     for (x, y, _), number in zip(found.dots, found.assignment, strict=True):
         at = (100.0 + scale * (x - u), 100.0 + scale * (y - v))
-        color = MATCHED if number >= 0 else LEFT_OUT
+        color = _IDENTIFIED if number >= 0 else _OTHER
         shapes.append(_circle(*at, 8.0, f'fill="none" stroke="{color}"'))
         if number >= 0:
             shapes.append(_number(*at, number, color))
@@ -95,7 +93,7 @@ def sequence(found: SequenceEstimate) -> str:
     shapes = []
     for k, estimate in enumerate(found.frames):
         height = 40.0 * estimate.pose.confidence if estimate.pose else 40.0
-        color = MATCHED if estimate.pose else LEFT_OUT
+        color = _IDENTIFIED if estimate.pose else _OTHER
         shapes.append(
             f'<rect x="{width * k:.2f}" y="{40.0 - height:.2f}" width="{0.8 * width:.2f}" height="{height:.2f}" '
             f'fill="{color}"><title>{k}: {escape(repr(estimate))}</title></rect>'

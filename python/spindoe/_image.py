@@ -32,8 +32,8 @@ _PIL_MODES: dict[str, Color] = {"L": "gray", "I;16": "gray", "RGB": "rgb", "RGBA
 def pixels(name: str, image: Any, color: Color | None) -> tuple[Any, Color]:
     """An image as the native part takes it, and the order of its channels, ``gray``, ``rgb`` or ``bgr``.
 
-    Arrays of whole numbers stay where they lie. Floats from 0 to 1 are rounded to 16 bits. Alpha is left out: the other
-    channels are taken as they are.
+    Arrays of whole numbers stay where they lie, but for those of another byte order. Floats from 0 to 1 are rounded to 16
+    bits. Alpha is left out: the other channels are taken as they are.
 
     Raises:
         ValueError: Naming `name` or ``color``.
@@ -45,8 +45,9 @@ def pixels(name: str, image: Any, color: Color | None) -> tuple[Any, Color]:
     if isinstance(image, (str, os.PathLike)):
         _agrees(color, "rgb", "an image file")
         return _native.read_image(image, None), "rgb"
-    mode = getattr(image, "mode", None)
-    if isinstance(mode, str):
+    # Open files and arrays in mapped memory have a mode, too.
+    mode = None if isinstance(image, np.ndarray) else getattr(image, "mode", None)
+    if isinstance(mode, str) and hasattr(type(image), "__array_interface__"):
         if mode not in _PIL_MODES:
             raise ValueError(
                 f'{name}: expected a Pillow image of mode {", ".join(_PIL_MODES)}, found {mode}: image.convert("RGB")'
@@ -112,7 +113,10 @@ def _agrees(color: Color | None, own: Color, what: str) -> None:
 
 
 def _whole(name: str, image: NDArray[Any]) -> NDArray[Any]:
-    """Floats from 0 to 1 as 16 bits, which hold those of image files exactly; other arrays as they are."""
+    """Floats from 0 to 1 as 16 bits, which hold those of image files exactly; other arrays as they are, in the machine's order
+    of bytes."""
+    if not image.dtype.isnative:
+        image = image.astype(image.dtype.newbyteorder("="))
     if image.dtype.kind != "f" or not image.size:
         return image
     low, high = image.min(), image.max()

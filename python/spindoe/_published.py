@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _native
+from ._common import write_whole
 from ._pattern import PathLike
 
 
@@ -71,8 +71,4 @@ def write_onnx(path: PathLike, head: str = "dots", weights: PathLike | None = No
         head: The built-in net: ``dots``, ``dots-large`` or ``outline``.
         weights: Weights made by ``python -m train``, instead.
     """
-    data = _native.onnx_bytes(head, weights)
-    aside = f"{os.fspath(path)}.part"
-    with open(aside, "wb") as file:
-        file.write(data)
-    os.replace(aside, path)
+    write_whole(path, _native.onnx_bytes(head, weights))

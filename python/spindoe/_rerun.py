@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._common import Floats, optional
+from ._common import Floats, aside_of, optional
 from ._frame import FrameEstimate
 from ._image import Color, Image, rgb8
+from ._palette import IDENTIFIED, OTHER, OUTLINE
 from ._pattern import PathLike, Tabled, as_table
 from ._sequence import SequenceEstimate
 from ._spin import Spin
@@ -19,7 +20,8 @@ from ._vision import TrackerState
 if TYPE_CHECKING:
     import rerun
 
-NAMED, UNNAMED, OUTLINE = (60, 200, 255), (255, 90, 60), (0, 220, 120)
+_Row = tuple[float | None, FrameEstimate, Floats, Floats | None]
+"""Of a frame its time, the frame, the orientation, and the spin."""
 
 
 def to_rerun(
@@ -50,39 +52,57 @@ def to_rerun(
         table: The pattern, or its table.
         images: The images, one a frame, as in `Estimator.estimate`.
         color: The order of their channels, as there.
-        path: A file, ``.rrd``, to write.
+        path: A file, ``.rrd``, to write; it appears whole or not at all.
         recording: Or the recording to log to; where neither is given, that of ``rerun.init``.
 
     Returns:
         The recording. A file is whole when this returns.
 
     Raises:
-        ValueError: Where Rerun is missing or there is no recording; for another number of images than of frames.
+        ValueError: Where Rerun is missing or there is no recording; for another number of images than of frames, and
+            images as `Estimator.estimate` refuses them. Nothing is logged then.
+        OSError: Where the file cannot be written.
     """
     rr = optional("rerun", "rerun")
     if path is not None and recording is not None:
         raise ValueError("path: expected it or recording, found both")
-    if path is not None:
-        stream: rerun.RecordingStream = rr.RecordingStream("spindoe")
-        stream.save(os.fspath(path))
-    else:
-        active = recording or rr.get_global_data_recording()
-        if active is None:
-            raise ValueError("recording: expected it, path, or rerun.init before")
-        stream = active
-
+    active = recording or rr.get_global_data_recording()
+    if path is None and active is None:
+        raise ValueError("recording: expected it, path, or rerun.init before")
     dots = as_table(table).pattern.dots
-    numbers = [str(k) for k in range(len(dots))]
-    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
-    stream.log("world/ball/sphere", rr.Ellipsoids3D(half_sizes=[[1.0, 1.0, 1.0]]), static=True)
-    stream.log("world/ball/dots", rr.Points3D(dots, radii=0.06, labels=numbers, colors=NAMED), static=True)
-    around = np.linspace(0.0, 2.0 * np.pi, 65)
-    ring = np.stack([np.cos(around), np.sin(around)], axis=1)
-
     rows = _rows(found)
     shown: list[Image | None] = [None] * len(rows) if images is None else list(images)
     if len(shown) != len(rows):
         raise ValueError(f"images: expected {len(rows)}, found {len(shown)}")
+    for image in shown:
+        if image is not None:
+            # Refused here, before anything is logged; not kept, since all of a clip are large.
+            rgb8(image, color)
+    if path is None:
+        _log(rr, active, dots, rows, shown, color)
+        return active
+    with aside_of(path) as aside:
+        # Of a place that cannot be written to the system's error is the clearer one.
+        aside.touch()
+        stream: rerun.RecordingStream = rr.RecordingStream("spindoe")
+        try:
+            stream.save(os.fspath(aside))
+            _log(rr, stream, dots, rows, shown, color)
+        finally:
+            stream.disconnect()
+    return stream
+
+
+def _log(
+    rr: Any, stream: rerun.RecordingStream, dots: Floats, rows: list[_Row], shown: list[Image | None], color: Color | None
+) -> None:
+    numbers = [str(k) for k in range(len(dots))]
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_UP, static=True)
+    stream.log("world/ball/sphere", rr.Ellipsoids3D(half_sizes=[[1.0, 1.0, 1.0]]), static=True)
+    stream.log("world/ball/dots", rr.Points3D(dots, radii=0.06, labels=numbers, colors=IDENTIFIED), static=True)
+    around = np.linspace(0.0, 2.0 * np.pi, 65)
+    ring = np.stack([np.cos(around), np.sin(around)], axis=1)
+
     for k, ((time_s, frame, quaternion_wxyz, spin), image) in enumerate(zip(rows, shown, strict=True)):
         stream.set_time("frame", sequence=k)
         if time_s is not None:
@@ -95,7 +115,7 @@ def to_rerun(
             "image/dots",
             rr.Points2D(
                 frame.dots[:, :2] + 0.5,
-                colors=[NAMED if named else UNNAMED for named in is_named],
+                colors=[IDENTIFIED if named else OTHER for named in is_named],
                 labels=[str(number) if number >= 0 else "" for number in frame.assignment],
             ),
         )
@@ -122,16 +142,10 @@ def to_rerun(
                 arrow = 1.5 * spin / rate
                 stream.log("world/spin", rr.Arrows3D(origins=[-arrow], vectors=[2.0 * arrow]))
     stream.flush()
-    if path is not None:
-        stream.disconnect()
-    return stream
 
 
-def _rows(
-    found: SequenceEstimate | Iterable[TrackerState],
-) -> list[tuple[float | None, FrameEstimate, Floats, Floats | None]]:
-    """Of each frame its time, the frame, the orientation, and the spin."""
-    rows: list[tuple[float | None, FrameEstimate, Floats, Floats | None]] = []
+def _rows(found: SequenceEstimate | Iterable[TrackerState]) -> list[_Row]:
+    rows: list[_Row] = []
     if not isinstance(found, SequenceEstimate):
         none = np.full(4, np.nan)
         for state in found:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _native
-from ._common import Axes, Floats, Frame, Rejection, floats, to_scipy
+from ._common import Axes, Floats, Frame, Rejection, floats, scipy_rotation, to_scipy
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -97,15 +97,14 @@ class Spin:
         start = to_scipy(self.quaternion_wxyz)
         if time_s is None:
             return start
-        from scipy.spatial.transform import Rotation
-
         elapsed = np.asarray(time_s, dtype=np.float64)[..., None] - self.time_s
         c, q = self.decay_per_s, self.body_rate_rad_s
         tau = -np.expm1(-c * elapsed) / c if c else elapsed
         p = self.spin_rad_s
         if np.any(q):
             p = p - self.axis * (self.axis @ start.apply(q))
-        return Rotation.from_rotvec(tau * p) * start * Rotation.from_rotvec(tau * q)
+        turn = scipy_rotation().from_rotvec
+        return turn(tau * p) * start * turn(tau * q)
 
     def as_frame(self, frame: Axes) -> Spin:
         """The same spin in other axes: x right, y up, z towards the camera for ``"camera"``; x right, y down, z forward (REP

@@ -90,9 +90,9 @@ class Estimator:
         settings: Any of `EstimatorSettings`.
 
     An image is an array of uint8 or uint16, or of floats from 0 to 1: shape (height, width) or (height, width, 1) for gray,
-    (height, width, 3) for color, (height, width, 4) for color with alpha, which is left out. Arrays of whole numbers are read
-    where they lie; views of larger images need no copy. An image is also one of Pillow, or the path of an image file: these
-    say their channels themselves. An instance may be used from several threads.
+    (height, width, 3) for color, (height, width, 4) for color with alpha, which is left out. Of 16 bits 65 535 is white.
+    Arrays of whole numbers are read where they lie; views of larger images need no copy. An image is also one of Pillow, or
+    the path of an image file: these say their channels themselves. An instance may be used from several threads.
     """
 
     __slots__ = ("_arguments", "_handle", "camera", "table")
@@ -169,7 +169,8 @@ class Estimator:
         the spin.
 
         Args:
-            images: The frames: a sequence of images, or one array with the frames in front.
+            images: The frames: a sequence of images, or one array with the frames in front. All are in memory at once, those of
+                paths decoded to 6 bytes a pixel: for long clips of files use ``spindoe estimate``.
             times_s: Their times in seconds, increasing, shape (n,).
             color: As in `estimate`.
             circle: The ball's outline in all frames, where it is known.

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._common import Floats, Rejection, floats
+from ._common import Floats, Rejection, floats, optional, scipy_rotation, to_scipy
 from ._draw import discs
 from ._frame import FrameEstimate
 from ._image import Color, Image, frames_of, pixels
@@ -112,8 +112,7 @@ class BayGeoHasher:
         Sets ``n_points``; ``ref_points``, shape (n, 3); ``hash_table``, shape (m, 3), and ``bases``, shape (m, 2), in their
         order; ``hash_tree`` and ``point_tree``, SciPy's k-d trees of the hash values and of the dots.
         """
-        from scipy.spatial import KDTree
-
+        tree = optional("scipy.spatial", "scipy").KDTree
         pattern = Pattern(ref_points)
         self.ref_points = np.array(pattern.dots)
         self.n_points = len(pattern)
@@ -127,8 +126,8 @@ class BayGeoHasher:
         kept = near[first, second] & near[first, self._table.feature_dots.astype(np.int64)]
         self.hash_table = self._table.features[kept]
         self.bases = np.stack([first, second], axis=1)[kept]
-        self.hash_tree: KDTree = KDTree(self.hash_table)
-        self.point_tree: KDTree = KDTree(self.ref_points)
+        self.hash_tree: KDTree = tree(self.hash_table)
+        self.point_tree: KDTree = tree(self.ref_points)
 
     def _recognizer(self) -> Recognizer:
         """The recognizer of the arguments as they are now: scripts change them between calls."""
@@ -195,15 +194,14 @@ class BayGeoHasher:
         Returns:
             SciPy's rotation from the pattern to the view; the root mean square distance of the dots from it.
         """
-        from scipy.spatial.transform import Rotation
-
         if self._table is None:
             raise RuntimeError("gen_hash_table: expected a call before verification")
         unit = _directions(obs_points)
-        by_pair, _ = Rotation.align_vectors(unit[:2], self.ref_points[[i, j]])
+        align = scipy_rotation().align_vectors
+        by_pair, _ = align(unit[:2], self.ref_points[[i, j]])
         _, nearest = self.point_tree.query(by_pair.apply(unit[2:], inverse=True))
         matched = self.ref_points[[i, j, *nearest]]
-        rotation, _ = Rotation.align_vectors(unit, matched)
+        rotation, _ = align(unit, matched)
         squared = np.sum((unit - rotation.apply(matched)) ** 2, axis=1)
         return rotation, float(np.sqrt(squared.mean()))
 
@@ -314,13 +312,11 @@ class SpinRegressor:
         self, t: ArrayLike, rots: Rotation | Sequence[Rotation]
     ) -> tuple[Floats, Rotation] | tuple[None, None]:
         """As `RANSAC_regress`; returns the spin and the first orientation by the fit."""
-        from scipy.spatial.transform import Rotation
-
         times, found = self._fit(t, rots)
         if isinstance(found, str):
             return None, None
         time_s, spin, quaternion = found[:3]
-        return spin, Rotation.from_rotvec((times[0] - time_s) * spin) * self.quat2rot(quaternion)
+        return spin, scipy_rotation().from_rotvec((times[0] - time_s) * spin) * self.quat2rot(quaternion)
 
     @staticmethod
     def rot2quat(rot: Rotation) -> Floats:
@@ -330,9 +326,7 @@ class SpinRegressor:
     @staticmethod
     def quat2rot(q: ArrayLike) -> Rotation:
         """SciPy's rotation of a quaternion ``w, x, y, z``."""
-        from scipy.spatial.transform import Rotation
-
-        return Rotation.from_quat(np.roll(floats("q", q), -1))
+        return to_scipy(floats("q", q))
 
 
 class KeyPoint(NamedTuple):
@@ -533,7 +527,5 @@ class SpinDOE:
 
     def predicted_rots(self, init_rot: Rotation, t0: float, ts: ArrayLike, spin_vec: ArrayLike) -> Rotation:
         """SciPy's rotations at the times `ts`, shape (n,), of a ball that has `init_rot` at `t0` and spins by `spin_vec`, rad/s."""
-        from scipy.spatial.transform import Rotation
-
         turns = (floats("ts", ts) - t0)[:, None] * floats("spin_vec", spin_vec)
-        return Rotation.from_rotvec(turns) * init_rot
+        return scipy_rotation().from_rotvec(turns) * init_rot

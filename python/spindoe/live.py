@@ -7,8 +7,9 @@
 `draw` only draws. All need OpenCV (``pip install spindoe[live]``), the window one that has windows: ``opencv-python``, not
 ``opencv-python-headless``.
 
-A camera is read in a thread of its own: frames that come while one is worked on are dropped and counted, so that
-what is shown is at most one frame old. Files are played at the rate of their times, every frame of them.
+A camera is read in a thread of its own: the newest frame is taken, and those that come while one is worked on are dropped
+and counted. A frame is shown after the latency that the picture states, without what camera, driver and screen add. Files
+are played at the rate of their times, every frame of them.
 """
 
 from __future__ import annotations
@@ -19,14 +20,16 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ._common import Floats, optional, rotation_matrix
+from . import _palette
+from ._common import Floats, aside_of, optional, rotation_matrix
 from ._frame import Camera
 from ._image import Color, Image, rgb8
 from ._pattern import PathLike, Tabled
@@ -36,8 +39,10 @@ Source = int | PathLike | Iterable[tuple[Image, float]]
 """A camera's index, a video, a folder of images, or images with their times in seconds."""
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".ppm", ".pnm", ".pbm")
 
-# Blue, green, red: as the overlays of the command.
-OUTLINE, NAMED, UNNAMED, EXPECTED = (120, 220, 0), (255, 200, 60), (60, 90, 255), (40, 230, 255)
+# Blue, green, red.
+OUTLINE, IDENTIFIED, OTHER, EXPECTED = (
+    color[::-1] for color in (_palette.OUTLINE, _palette.IDENTIFIED, _palette.OTHER, _palette.EXPECTED)
+)
 AXES = ((60, 60, 255), (60, 200, 60), (255, 120, 60))
 SPIN, WORDS = (255, 80, 255), (235, 235, 235)
 MIN_SIDE = 360
@@ -131,10 +136,10 @@ def draw(
             ends = at(u - tip[0], v - tip[1]), at(u + tip[0], v + tip[1])
             cv2.arrowedLine(picture, *ends, SPIN, 1, cv2.LINE_AA, tipLength=0.06)
     for (u, v, _), number in zip(frame.dots, frame.assignment, strict=True):
-        cv2.circle(picture, at(u, v), 6, NAMED if number >= 0 else UNNAMED, 1, cv2.LINE_AA)
+        cv2.circle(picture, at(u, v), 6, IDENTIFIED if number >= 0 else OTHER, 1, cv2.LINE_AA)
         if number >= 0:
             x, y = at(u, v)
-            say(str(number), (x + 7, y - 5), NAMED, picture)
+            say(str(number), (x + 7, y - 5), IDENTIFIED, picture)
 
     pose = frame.pose
     lines = [
@@ -209,22 +214,35 @@ def _folder_frames(folder: Path, fps: float | None) -> Generator[tuple[Image, fl
         yield image, int(path.stem) / 1e9 if fps is None else count / fps
 
 
-def _paced(frames: Iterable[tuple[Image, float]]) -> Iterator[tuple[Image, float]]:
+def _paced(frames: Iterable[tuple[Image, float]]) -> Generator[tuple[Image, float]]:
     """The frames no sooner than their times, the first at once."""
     begun: float | None = None
-    for image, time_s in frames:
-        now = time.monotonic()
-        begun = now - time_s if begun is None else begun
-        time.sleep(max(0.0, begun + time_s - now))
-        yield image, time_s
+    with _closed(frames):
+        for image, time_s in frames:
+            now = time.monotonic()
+            begun = now - time_s if begun is None else begun
+            time.sleep(max(0.0, begun + time_s - now))
+            yield image, time_s
 
 
-def _every(frames: Iterable[tuple[Image, float]]) -> Iterator[tuple[Image, float, float, int]]:
-    for image, time_s in frames:
-        yield image, time_s, time.monotonic(), 0
+@contextmanager
+def _closed(frames: object) -> Generator[None]:
+    """Closes a generator afterwards, and with it its camera or file; of other sources nothing."""
+    try:
+        yield
+    finally:
+        close = getattr(frames, "close", None)
+        if close is not None:
+            close()
 
 
-def _newest(frames: Iterable[tuple[Image, float]]) -> Iterator[tuple[Image, float, float, int]]:
+def _every(frames: Iterable[tuple[Image, float]]) -> Generator[tuple[Image, float, float, int]]:
+    with _closed(frames):
+        for image, time_s in frames:
+            yield image, time_s, time.monotonic(), 0
+
+
+def _newest(frames: Iterable[tuple[Image, float]]) -> Generator[tuple[Image, float, float, int]]:
     """The newest frame whenever one is asked for, with the time of its arrival and the number of those dropped so far."""
     changed = threading.Condition()
     waiting: list[tuple[Image, float, float]] = []
@@ -236,18 +254,16 @@ def _newest(frames: Iterable[tuple[Image, float]]) -> Iterator[tuple[Image, floa
         nonlocal dropped
         error: BaseException | None = None
         try:
-            for image, time_s in frames:
-                with changed:
-                    if not is_wanted:
-                        break
-                    dropped += len(waiting)
-                    waiting[:] = [(image, time_s, time.monotonic())]
-                    changed.notify()
+            with _closed(frames):
+                for image, time_s in frames:
+                    with changed:
+                        if not is_wanted:
+                            break
+                        dropped += len(waiting)
+                        waiting[:] = [(image, time_s, time.monotonic())]
+                        changed.notify()
         except BaseException as raised:  # noqa: BLE001 (it is raised where the frames are taken)
             error = raised
-        close = getattr(frames, "close", None)
-        if close is not None:
-            close()
         with changed:
             ended.append(error)
             changed.notify()
@@ -273,8 +289,9 @@ def _newest(frames: Iterable[tuple[Image, float]]) -> Iterator[tuple[Image, floa
 
 def follow(
     source: Source, tracker: Tracker, *, color: Color | None = None, fps: float | None = None, drop: bool | None = None
-) -> Iterator[Followed]:
-    """Follows a ball through a source's frames.
+) -> Generator[Followed]:
+    """Follows a ball through a source's frames. When it ends, by an error too, the camera or file is free again, and a generator
+    of images is closed.
 
     Args:
         source: A camera's index, whose times are those of arrival; a video; a folder of images, whose names are times in
@@ -309,9 +326,10 @@ def follow(
         frames = source
     order = color if not (is_camera or is_file) else "bgr"
     taken = (_newest if (is_camera if drop is None else drop) else _every)(frames)
-    for image, time_s, arrived, dropped in taken:
-        state = tracker.update(image, time_s, color=order)
-        yield Followed(image, state, time.monotonic() - arrived, dropped)
+    with closing(taken):
+        for image, time_s, arrived, dropped in taken:
+            state = tracker.update(image, time_s, color=order)
+            yield Followed(image, state, time.monotonic() - arrived, dropped)
 
 
 def show(
@@ -332,7 +350,9 @@ def show(
         color: As in `follow`.
         fps: As in `follow`.
         drop: As in `follow`.
-        record: A video, ``.mp4`` or ``.avi``, to write of what is drawn; it plays 30 frames a second.
+        record: A video, ``.mp4`` or ``.avi``, to write of what is drawn; it plays 30 frames a second. It appears when this
+            ends: at the source's end, by the window, by Ctrl-C, or with an `OSError`, as where a camera's cable is pulled. Any
+            other error leaves none.
         window: Whether there is a window.
 
     Returns:
@@ -343,16 +363,17 @@ def show(
         OSError: Where there is no screen; and as `follow`.
     """
     estimator = tracker.estimator
-    recorder = None if record is None else _Recorder(record)
-    if window:
-        _open_window()
     if isinstance(source, (int, str, os.PathLike)):
         order: Color | None = "bgr"
     else:
         order = color
     count = 0
-    try:
-        for followed in follow(source, tracker, color=color, fps=fps, drop=drop):
+    with ExitStack() as opened:
+        recorder = None if record is None else opened.enter_context(_Recorder(record))
+        if window:
+            _open_window()
+            opened.callback(_opencv().destroyAllWindows)
+        for followed in opened.enter_context(closing(follow(source, tracker, color=color, fps=fps, drop=drop))):
             drawn = draw(
                 followed.image, followed.state, table=estimator.table, camera=estimator.camera, color=order,
                 latency_s=followed.latency_s, dropped=followed.dropped,
@@ -362,11 +383,6 @@ def show(
                 recorder.write(drawn)
             if window and _is_closed_after(drawn):
                 break
-    finally:
-        if recorder is not None:
-            recorder.close()
-        if window:
-            _opencv().destroyAllWindows()
     return count
 
 
@@ -397,7 +413,7 @@ def _is_closed_after(drawn: NDArray[np.uint8]) -> bool:
 
 
 class _Recorder:
-    """A video of what is drawn."""
+    """A video of what is drawn, which is there afterwards whole or not at all."""
 
     CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
 
@@ -407,22 +423,32 @@ class _Recorder:
             raise ValueError(f"record: expected a name that ends in .mp4 or .avi, found {self.path}")
         self.shape: tuple[int, ...] = ()
         self.writer: Any = None
+        self._aside = ExitStack()
+
+    def __enter__(self) -> _Recorder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
+        if self.writer is not None:
+            self.writer.release()
+            if kind is None or issubclass(kind, (KeyboardInterrupt, OSError)):
+                # Ctrl-C ends a camera's recording, and a cable that is pulled: it has all until then.
+                self._aside.close()
+        self._aside.__exit__(kind, *error)
 
     def write(self, drawn: NDArray[np.uint8]) -> None:
         cv2 = _opencv()
         if self.writer is None:
             self.shape = drawn.shape
             codec = cv2.VideoWriter.fourcc(*self.CODECS[self.path.suffix.lower()])
-            self.writer = cv2.VideoWriter(str(self.path), codec, 30.0, (drawn.shape[1], drawn.shape[0]))
-            if not self.writer.isOpened():
+            aside = self._aside.enter_context(aside_of(self.path))
+            writer = cv2.VideoWriter(str(aside), codec, 30.0, (drawn.shape[1], drawn.shape[0]))
+            if not writer.isOpened():
                 raise OSError(f"{self.path}: cannot be written as a video")
+            self.writer = writer
         if drawn.shape != self.shape:
             raise ValueError(f"record: expected frames of one size, found {drawn.shape} after {self.shape}")
         self.writer.write(drawn)
-
-    def close(self) -> None:
-        if self.writer is not None:
-            self.writer.release()
 
 
 def main(words: list[str] | None = None) -> int:

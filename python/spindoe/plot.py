@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from ._common import Floats, floats, optional, to_scipy, triple
 from ._frame import FrameEstimate
-from ._html import DOT, LEFT_OUT, MATCHED
 from ._image import Color, Image, rgb8
+from ._palette import DOT, EXPECTED, IDENTIFIED, OTHER, OUTLINE, css, on_white
 from ._pattern import Pattern, Tabled, as_table
 
 if TYPE_CHECKING:
@@ -28,10 +28,13 @@ def _axes(ax: Axes | None) -> Axes:
     return made
 
 
-def _ball(ax: Axes, center: tuple[float, float], radius: float) -> None:
-    from matplotlib.patches import Circle
+def _ball(ax: Axes, center: tuple[float, float], radius: float, color: str = "0.4") -> None:
+    ax.add_patch(optional("matplotlib.patches", "plot").Circle(center, radius, fill=False, edgecolor=color, linewidth=1.0))
 
-    ax.add_patch(Circle(center, radius, fill=False, edgecolor="0.4", linewidth=1.0))
+
+def _rim(color: str) -> list[Any]:
+    """The effect that sets letters off from what they stand on."""
+    return [optional("matplotlib.patheffects", "plot").withStroke(linewidth=2.5, foreground=color)]
 
 
 def pattern(pattern: Pattern, ax: Axes | None = None, *, dot_radius_rad: float = 0.1, **style: Any) -> Axes:
@@ -43,12 +46,10 @@ def pattern(pattern: Pattern, ax: Axes | None = None, *, dot_radius_rad: float =
         dot_radius_rad: Angular radius of a dot; 0.1 is a dot of 4 mm on a ball of 40 mm.
         style: Of the dots: arguments of `matplotlib.patches.Polygon`.
     """
-    from matplotlib.patches import Polygon
-    from matplotlib.patheffects import withStroke
-
     ax = _axes(ax)
-    rim_of_number = [withStroke(linewidth=2.5, foreground=DOT)]
-    given = {"color": DOT, **style}
+    polygon = optional("matplotlib.patches", "plot").Polygon
+    rim_of_number = _rim(css(DOT))
+    given = {"color": css(DOT), **style}
     around = np.linspace(0.0, 2.0 * np.pi, 25)
     for side, shift in ((1.0, -1.1), (-1.0, 1.1)):
         _ball(ax, (shift, 0.0), 1.0)
@@ -61,7 +62,7 @@ def pattern(pattern: Pattern, ax: Axes | None = None, *, dot_radius_rad: float =
             second = np.cross(dot, first)
             rim = np.outer(np.cos(around), first) + np.outer(np.sin(around), second)
             outline = np.cos(dot_radius_rad) * dot + np.sin(dot_radius_rad) * rim
-            ax.add_patch(Polygon(outline[:, :2] + [shift, 0.0], **given))
+            ax.add_patch(polygon(outline[:, :2] + [shift, 0.0], **given))
             ax.annotate(
                 str(index), dot[:2] + [shift, 0.0], ha="center", va="center", fontsize=7,
                 color="white", path_effects=rim_of_number,
@@ -96,16 +97,16 @@ def identification(
     """
     ax = _axes(ax)
     if image is None:
-        place, sign = (0.0, 0.0, 1.0), 1.0
+        place, sign, shade = (0.0, 0.0, 1.0), 1.0, on_white
         ax.set(xlim=(-1.15, 1.15), ylim=(-1.15, 1.15), aspect="equal")
     else:
         shown = rgb8(image, color)
         height, width = shown.shape[:2]
         middle = ((width - 1) / 2.0, (height - 1) / 2.0, min(width, height) / 2.0)
-        place, sign = (middle if circle is None else triple("circle", circle)), -1.0
+        place, sign, shade = (middle if circle is None else triple("circle", circle)), -1.0, css
         ax.imshow(shown)
     u, v, radius = place
-    _ball(ax, (u, v), radius)
+    _ball(ax, (u, v), radius, shade(OUTLINE))
 
     def at(directions: Floats) -> Floats:
         return np.stack([u + radius * directions[:, 0], v + sign * radius * directions[:, 1]], 1)
@@ -114,14 +115,14 @@ def identification(
     matched = found.assignment[found.assignment >= 0]
     for index in np.flatnonzero(seen[:, 2] > 0.0):
         x, y = at(seen[index : index + 1])[0]
-        paint = MATCHED if index in matched else "0.5"
+        paint = shade(IDENTIFIED) if index in matched else "0.5"
         ax.annotate(str(index), (x, y), color=paint, ha="center", va="center", fontsize=8)
     if dots is not None:
         points = at(floats("dots", dots))
         is_matched = found.assignment >= 0
         ring: dict[str, Any] = {"s": 110, "facecolors": "none", "linewidths": 1.2}
-        ax.scatter(*points[is_matched].T, edgecolors=MATCHED, **ring)
-        ax.scatter(*points[~is_matched].T, edgecolors=LEFT_OUT, **ring)
+        ax.scatter(*points[is_matched].T, edgecolors=shade(IDENTIFIED), **ring)
+        ax.scatter(*points[~is_matched].T, edgecolors=shade(OTHER), **ring)
     ax.set_title(f"p = {found.confidence:.4f}, {found.matched} dots", fontsize=9)
     return ax
 
@@ -143,22 +144,21 @@ def frame(
         color: The order of the image's channels, as there.
         ax: Where to draw.
     """
-    from matplotlib.patheffects import withStroke
-
     ax = _axes(ax)
-    rim_of_number = [withStroke(linewidth=2.5, foreground="white")]
+    rim_of_number = _rim("white")
     ax.imshow(rgb8(image, color))
     if found.circle is not None:
         u, v, radius = found.circle
-        _ball(ax, (u, v), radius)
+        _ball(ax, (u, v), radius, css(OUTLINE))
         ax.set(xlim=(u - 1.3 * radius, u + 1.3 * radius), ylim=(v + 1.3 * radius, v - 1.3 * radius))
     is_matched = found.assignment >= 0
     ring: dict[str, Any] = {"s": 90, "facecolors": "none", "linewidths": 1.2}
-    ax.scatter(*found.dots[is_matched, :2].T, edgecolors=MATCHED, **ring)
-    ax.scatter(*found.dots[~is_matched, :2].T, edgecolors=LEFT_OUT, **ring)
+    ax.scatter(*found.dots[is_matched, :2].T, edgecolors=css(IDENTIFIED), **ring)
+    ax.scatter(*found.dots[~is_matched, :2].T, edgecolors=css(OTHER), **ring)
     for dot, index in zip(found.dots[is_matched], found.assignment[is_matched], strict=True):
         ax.annotate(
-            str(index), dot[:2], color=DOT, xytext=(6, 6), textcoords="offset points", path_effects=rim_of_number
+            str(index), dot[:2], color=on_white(IDENTIFIED), xytext=(6, 6), textcoords="offset points",
+            path_effects=rim_of_number,
         )
     words = f"p = {found.pose.confidence:.3f}" if found.pose else found.pose.reason
     ax.set_title(words, fontsize=9)
@@ -182,7 +182,7 @@ def spin(found: Spin, ax: Axes | None = None, **style: Any) -> Axes:
     names = ["x", "y", "z", "|w|"]
     values = [*components, found.rps]
     bars = None if errors is None else [*errors, 1.96 * (found.std_rps or 0.0)]
-    ax.errorbar(range(4), values, bars, **{"fmt": "o", "capsize": 5, "color": DOT, **style})
+    ax.errorbar(range(4), values, bars, **{"fmt": "o", "capsize": 5, "color": css(DOT), **style})
     others = [np.linalg.norm(alias.spin_rad_s) / (2.0 * np.pi) for alias in found.aliases]
     ax.axhline(0.0, color="0.8", linewidth=0.8)
     ax.set_xticks(range(4), names)
@@ -223,10 +223,10 @@ def sequence(found: SequenceEstimate, ax: Axes | None = None, **style: Any) -> A
     turned = turns(times, motion.rps) + off.as_rotvec() @ axis / (2.0 * np.pi)
     variances = np.einsum("i,nij,j->n", axis, found.covariances_rad2[posed], axis)
     errors = 1.96 * np.sqrt(np.maximum(variances, 0.0)) / (2.0 * np.pi)
-    given = {"fmt": "o", "markersize": 3, "capsize": 3, "color": DOT, **style}
+    given = {"fmt": "o", "markersize": 3, "capsize": 3, "color": css(DOT), **style}
     ax.errorbar(times - start, turned, errors, **given)
     line = np.linspace(found.times_s[0], found.times_s[-1], 200)
-    ax.plot(line - start, turns(line, motion.rps), color=MATCHED, linewidth=1.0, label=f"{motion.rps:.1f} rps")
+    ax.plot(line - start, turns(line, motion.rps), color=on_white(EXPECTED), linewidth=1.0, label=f"{motion.rps:.1f} rps")
     # By the orientations and the fit: an alias runs through them many times as steeply.
     ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
     for alias in motion.aliases[:3]:

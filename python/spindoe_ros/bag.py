@@ -14,10 +14,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from rosbags.rosbag2 import Reader, ReaderError, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
-
 import spindoe
+from spindoe._common import optional
 
 from .core import Answer, Settings, SpinCore
 
@@ -49,16 +47,17 @@ def process(
 
     Raises:
         FileExistsError: Where the target exists.
-        ValueError: Where the source is no bag, has no such topic of images, or an image cannot be read.
+        ValueError: Where rosbags is missing, the source is no bag, has no such topic of images, or an image cannot be read.
     """
+    rosbag2 = optional("rosbags.rosbag2", "ros")
     if target.exists():
         raise FileExistsError(f"{target}: expected a new bag, found one that exists")
     aside = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
     try:
         # A bag's file has the name of its folder.
-        answers = _process(source, aside / target.name, core, topic, camera_info, overlay)
+        answers = _process(rosbag2, source, aside / target.name, core, topic, camera_info, overlay)
         (aside / target.name).rename(target)
-    except ReaderError as error:
+    except rosbag2.ReaderError as error:
         raise ValueError(f"{source}: {error}") from error
     finally:
         shutil.rmtree(aside)
@@ -66,11 +65,13 @@ def process(
 
 
 def _process(
-    source: Path, target: Path, core: SpinCore, topic: str, camera_info: str, overlay: bool
+    rosbag2: Any, source: Path, target: Path, core: SpinCore, topic: str, camera_info: str, overlay: bool
 ) -> list[Answer]:
-    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = optional("rosbags.typesys", "ros")
+    store = types.get_typestore(types.Stores.ROS2_HUMBLE)
+    kind = rosbag2.StoragePlugin.MCAP
     answers = []
-    with Reader(source) as reader, Writer(target, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with rosbag2.Reader(source) as reader, rosbag2.Writer(target, version=9, storage_plugin=kind) as writer:
         connections = [c for c in reader.connections if c.topic == topic and c.msgtype in IMAGES]
         if not connections:
             found = ", ".join(f"{c.topic} ({c.msgtype})" for c in reader.connections)

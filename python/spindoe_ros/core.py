@@ -14,20 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 import spindoe
+from spindoe import _palette
 from spindoe._draw import discs, ring
+from spindoe._image import Color, rgb8
 from spindoe._native import read_image
+from spindoe._pattern import as_table
 
-Order = Literal["gray", "rgb", "bgr"]
 # encoding: (type, channels in memory, color)
-ENCODINGS: dict[str, tuple[str, int, Order]] = {
+ENCODINGS: dict[str, tuple[str, int, Color]] = {
     "mono8": ("u1", 1, "gray"),
     "8UC1": ("u1", 1, "gray"),
     "mono16": ("u2", 1, "gray"),
     "16UC1": ("u2", 1, "gray"),
     "rgb8": ("u1", 3, "rgb"),
-    "rgba8": ("u1", 4, "rgb"),
+    "rgba8": ("u1", 4, "rgba"),
     "bgr8": ("u1", 3, "bgr"),
-    "bgra8": ("u1", 4, "bgr"),
+    "bgra8": ("u1", 4, "bgra"),
     "rgb16": ("u2", 3, "rgb"),
     "bgr16": ("u2", 3, "bgr"),
 }
@@ -41,8 +43,6 @@ MOSAICS: dict[str, tuple[str, str]] = {
 UNKNOWN = 1e6
 # Standard deviation of an outline's center and radius over its radius: most are within it (docs/measurements/detector.md).
 OUTLINE = 0.01
-# Colors of an overlay, rgb: the outline, dots that are the pattern's, and other detections.
-OUTLINE_COLOR, MATCHED_COLOR, OTHER_COLOR = (255, 200, 0), (40, 220, 60), (230, 50, 70)
 # What a view frame's name adds to that of the camera's frame.
 VIEW = "_view"
 
@@ -79,8 +79,8 @@ class Answer:
     frame: spindoe.FrameEstimate
     """All that was seen."""
     image: NDArray[Any]
-    """The image, shape (height, width) or (height, width, 3), 8 or 16 bits."""
-    color: Order
+    """The image, shape (height, width) or (height, width, channels), 8 or 16 bits."""
+    color: Color
     """The order of its channels."""
 
     @property
@@ -107,17 +107,14 @@ class Answer:
 
     def overlay(self) -> NDArray[np.uint8]:
         """The image with the ball's outline and the detected dots drawn onto it; rgb, shape (height, width, 3)."""
-        eight = (self.image >> 8 if self.image.dtype.itemsize == 2 else self.image).astype(np.uint8)
-        channels = {"gray": np.s_[..., None], "rgb": np.s_[..., :], "bgr": np.s_[..., ::-1]}[self.color]
-        drawn: NDArray[np.uint8] = np.empty((*eight.shape[:2], 3), dtype=np.uint8)
-        drawn[...] = eight[channels]
+        drawn = rgb8(self.image, self.color)
         if self.frame.circle is None:
             return drawn
-        ring(drawn, self.frame.circle, OUTLINE_COLOR)
+        ring(drawn, self.frame.circle, _palette.OUTLINE)
         is_matched = self.frame.assignment >= 0
         radius = max(1.0, 0.03 * self.frame.circle[2])
-        discs(drawn, self.frame.dots[~is_matched, :2], radius, OTHER_COLOR)
-        discs(drawn, self.frame.dots[is_matched, :2], radius, MATCHED_COLOR)
+        discs(drawn, self.frame.dots[~is_matched, :2], radius, _palette.OTHER)
+        discs(drawn, self.frame.dots[is_matched, :2], radius, _palette.IDENTIFIED)
         return drawn
 
     def twist_covariance(self) -> NDArray[np.float64]:
@@ -155,7 +152,7 @@ def camera_of(message: Any, rectified: bool = False) -> spindoe.Camera | None:
     return spindoe.Camera(k, distortion if distortion.size else None, fisheye=model == "equidistant")
 
 
-def image_of(message: Any) -> tuple[NDArray[Any], Order]:
+def image_of(message: Any) -> tuple[NDArray[Any], Color]:
     """The pixels of a ``sensor_msgs/Image``, where they lie, or of a ``sensor_msgs/CompressedImage``, and the order of their
     channels. Bayer mosaics are made color images.
 
@@ -172,7 +169,7 @@ def image_of(message: Any) -> tuple[NDArray[Any], Order]:
         raise ValueError(f"encoding: expected one of {known}, found {message.encoding!r}")
     kind, channels, color = ENCODINGS[message.encoding]
     pixels = _rows(message, kind, channels)
-    return (pixels[..., 0] if color == "gray" else pixels[..., :3]), color
+    return (pixels[..., 0] if color == "gray" else pixels), color
 
 
 def _rows(message: Any, kind: str, channels: int) -> NDArray[Any]:
@@ -190,7 +187,7 @@ def _rows(message: Any, kind: str, channels: int) -> NDArray[Any]:
     return pixels.astype(dtype.newbyteorder("="), copy=False)
 
 
-def _decoded(message: Any) -> tuple[NDArray[Any], Order]:
+def _decoded(message: Any) -> tuple[NDArray[Any], Color]:
     """The pixels of a ``CompressedImage``. Its format reads ``bgr8; jpeg compressed bgr8``, the encoding at the camera, the codec
     and the encoding of what is compressed; or names the codec alone."""
     if "compressedDepth" in message.format:
@@ -244,7 +241,8 @@ class SpinCore:
         if settings.frame not in ("optical", "camera"):
             raise ValueError(f"frame: expected optical or camera, found {settings.frame!r}")
         self.settings = settings
-        self._table = spindoe.HashTable.load(settings.table) if settings.table.endswith(".npz") else settings.table
+        # Once: every camera has an estimator of its own.
+        self._table = as_table(settings.table)
         k = settings.intrinsics
         if k is None:
             self._begin(spindoe.Camera())

@@ -16,8 +16,8 @@ from .core import Answer, Settings, SpinCore
 
 
 class SpinNode(Node):  # type: ignore[misc]
-    """Subscribes to ``image``, or ``image/compressed``, and ``camera_info``; publishes ``ball/pose``, ``ball/twist``, and for who
-    listens ``ball/overlay``."""
+    """Subscribes to ``image``, or ``image/compressed``, and ``camera_info``; publishes ``ball/pose``, ``ball/twist``, and
+    ``ball/overlay`` while somebody subscribes."""
 
     def __init__(self) -> None:
         super().__init__("spindoe")

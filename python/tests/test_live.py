@@ -91,7 +91,7 @@ def test_what_is_drawn_is_where_it_is(last, table, camera):
     ring = np.linalg.norm(_at(live.OUTLINE, picture) - (scale * (np.array([u, v]) + 0.5) - 0.5), axis=1)
     assert len(ring) > 300 and abs(np.median(ring) - scale * radius) < scale * 2.0
     for (x, y, _), number in zip(state.frame.dots, state.frame.assignment, strict=True):
-        of_kind = _at(live.NAMED if number >= 0 else live.UNNAMED, picture)
+        of_kind = _at(live.IDENTIFIED if number >= 0 else live.OTHER, picture)
         assert np.median(np.sort(np.linalg.norm(of_kind - (scale * (np.array([x, y]) + 0.5) - 0.5), axis=1))[:12]) < 9
 
 
@@ -216,6 +216,86 @@ def test_a_reader_ends_with_its_consumer(clip, estimator):
     next(followed)
     followed.close()
     assert closed.wait(10)
+
+
+@pytest.mark.parametrize("drop", [False, True])
+def test_a_source_is_free_while_an_error_lives(clip, estimator, drop):
+    """The tracker refuses the second frame: its time is that of the first."""
+    closed = threading.Event()
+
+    def frames():
+        try:
+            for _ in range(10**9):
+                yield clip[0][0], 0.0
+        finally:
+            closed.set()
+
+    with pytest.raises(ValueError, match="time_s") as raised:
+        list(live.follow(frames(), estimator.tracker(), color="rgb", drop=drop))
+    assert closed.wait(10) and raised.tb
+
+
+@pytest.mark.parametrize("drop", [False, True])
+def test_a_camera_is_free_while_an_error_lives(clip, estimator, monkeypatch, drop):
+    released = threading.Event()
+
+    class Capture:
+        def __init__(self, index):
+            assert index == 3
+
+        def isOpened(self):  # noqa: N802 (OpenCV's name)
+            return True
+
+        def read(self):
+            return True, clip[0][0]
+
+        def release(self):
+            released.set()
+
+    monkeypatch.setattr(cv2, "VideoCapture", Capture)
+    tracker = estimator.tracker()
+    tracker.update(clip[0][0], 1e12, color="rgb")
+    with pytest.raises(ValueError, match="time_s") as raised:
+        live.show(3, tracker, drop=drop, window=False)
+    assert released.wait(10) and raised.tb
+
+
+@pytest.mark.parametrize("name", ["seen.avi", "seen.mp4"])
+def test_a_recording_is_there_whole_or_not_at_all(clip, estimator, tmp_path, name):
+    video = tmp_path / name
+
+    def source(end, size=slice(None)):
+        for image, truth in clip[:3]:
+            yield image, truth.time_s
+        if end is not None:
+            raise end
+        yield np.ascontiguousarray(clip[3][0][size]), clip[3][1].time_s
+
+    def record(frames):
+        return live.show(frames, estimator.tracker(), color="rgb", record=video, window=False)
+
+    for frames, error in [
+        (source(None, np.s_[:-9, :-9]), "record: expected frames of one size"),
+        (source(ValueError("bad pixels")), "bad pixels"),
+        (source(RuntimeError("a fault")), "a fault"),
+    ]:
+        with pytest.raises((ValueError, RuntimeError), match=error):
+            record(frames)
+        assert list(tmp_path.iterdir()) == []
+    # What was seen until the user or the system ended it is kept.
+    for end in (KeyboardInterrupt(), OSError("the cable is out")):
+        with pytest.raises(type(end)):
+            record(source(end))
+        assert [file.name for file in tmp_path.iterdir()] == [name]
+        assert cv2.VideoCapture(str(video)).get(cv2.CAP_PROP_FRAME_COUNT) == 3
+    before = video.read_bytes()
+    with pytest.raises(ValueError, match="one size"):
+        record(source(None, np.s_[:-9, :-9]))
+    assert video.read_bytes() == before and len(list(tmp_path.iterdir())) == 1
+    assert record(source(None)) == 4
+    assert cv2.VideoCapture(str(video)).get(cv2.CAP_PROP_FRAME_COUNT) == 4
+    with pytest.raises(OSError, match="nowhere.*cannot be written as a video"):
+        live.show(source(None), estimator.tracker(), color="rgb", record=tmp_path / "nowhere" / name, window=False)
 
 
 def test_sources_that_are_none(estimator, tmp_path):

@@ -119,6 +119,51 @@ def test_without_times_there_are_frames(clip, estimator, table, tmp_path):
     assert [row[:2] for row in _rows(path, "/world/ball", "quaternion")] == [(0, None), (1, None)]
 
 
+@pytest.mark.parametrize("kept", [None, b"an older one"])
+def test_bad_input_leaves_no_file(found, clip, estimator, table, tmp_path, monkeypatch, kept):
+    """Nor a part of one, nor a recording that is open; a file that was there stays as it is."""
+    path = tmp_path / "a.rrd"
+    if kept is not None:
+        path.write_bytes(kept)
+    images, times = clip
+    odd = [*images[:9], images[9][..., 0]]
+    tracker = estimator.tracker()
+    states = [tracker.update(image, time, color="rgb") for image, time in zip(images[:4], times, strict=False)]
+    # A time that only Rerun refuses, when two frames are in the file.
+    states[2] = dataclasses.replace(states[2], time_s="never")
+    opened, closed = [], []
+    save, disconnect = rr.RecordingStream.save, rr.RecordingStream.disconnect
+    monkeypatch.setattr(rr.RecordingStream, "save", lambda self, *a: opened.append(self) or save(self, *a))
+    monkeypatch.setattr(rr.RecordingStream, "disconnect", lambda self: closed.append(self) or disconnect(self))
+    for given, words in [
+        ({"images": []}, "images: expected 10, found 0"),
+        ({"images": images}, "color"),
+        ({"images": odd, "color": "rgb"}, "rgb"),
+        ({"found": states}, "time"),
+        ({"table": 3}, "table"),
+    ]:
+        with pytest.raises((ValueError, TypeError), match=words):
+            spindoe.to_rerun(**{"found": found, "table": table, "path": path, **given})
+        left = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
+        assert left == ({} if kept is None else {"a.rrd": kept}), given.keys()
+    assert len(opened) == 1 and closed == opened
+    with pytest.raises(OSError, match="nowhere"):
+        spindoe.to_rerun(found, table=table, path=tmp_path / "nowhere/a.rrd")
+
+
+def test_bad_input_logs_nothing(found, clip, table, tmp_path):
+    """Into a recording of the caller's: images are looked at before the first is logged."""
+    path = tmp_path / "own.rrd"
+    stream = rr.RecordingStream("test")
+    stream.save(str(path))
+    with pytest.raises(ValueError, match="rgb"):
+        spindoe.to_rerun(
+            found, table=table, images=[*clip[0][:9], clip[0][9][..., 0]], color="rgb", recording=stream
+        )
+    stream.disconnect()
+    assert not _rows(path, "/world/ball/dots", "positions") and not _rows(path, "/image", "buffer")
+
+
 def test_what_does_not_fit_is_refused(found, clip, table, tmp_path, monkeypatch):
     stream = rr.RecordingStream("test")
     with pytest.raises(ValueError, match="images: expected 10, found 2"):

@@ -296,6 +296,40 @@ def test_the_command(recorded, tmp_path):
     assert leaves_nothing(tmp_path, ["out"])
 
 
+def camera_info(focal_px):
+    k = [focal_px, 0, 57, 0, focal_px, 57, 0, 0, 1]
+    roi = SimpleNamespace(x_offset=0, y_offset=0)
+    return SimpleNamespace(k=k, d=[], distortion_model="", roi=roi, binning_x=0, binning_y=0)
+
+
+@pytest.mark.parametrize("table", ["table.npz", "pattern.csv"])
+def test_a_table_is_made_once_for_all_cameras(table, monkeypatch):
+    made = []
+    for name in ("load", "build"):
+        method = getattr(spindoe.HashTable, name)
+        monkeypatch.setattr(spindoe.HashTable, name, lambda *a, method=method, **k: made.append(method(*a, **k)) or made[-1])
+    core = SpinCore(Settings(str(ROOT / "designs/dots20" / table)))
+    assert core.on_camera_info(camera_info(900.0)) and core.on_camera_info(camera_info(800.0))
+    assert len(made) == 1 and core.tracker.estimator.table is made[0]
+
+
+@pytest.mark.parametrize("encoding", ["mono8", "rgb8", "bgr8", "rgba8", "bgra8", "mono16", "bgr16"])
+def test_an_overlay_is_of_the_image(encoding):
+    """Whatever the order of its channels, its depth and its alpha."""
+    channels = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}[encoding.rstrip("0123456789")]
+    kind, shift = ("<u2", 8) if "16" in encoding else ("u1", 0)
+    values = np.random.default_rng(0).integers(0, 256, (24, 30, channels)).astype(kind) << shift
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0))
+    message = SimpleNamespace(
+        height=24, width=30, encoding=encoding, is_bigendian=0, step=values[0].nbytes, data=values.tobytes(), header=header
+    )
+    answer = SpinCore(Settings(TABLE)).on_image(message)
+    eight = (values >> shift).astype(np.uint8)
+    rgb = np.repeat(eight, 3, axis=2) if channels == 1 else eight[..., :3]
+    assert answer.frame.circle is None
+    assert np.array_equal(answer.overlay(), rgb[..., ::-1] if encoding.startswith("bgr") else rgb)
+
+
 def test_settings_that_do_not_fit():
     with pytest.raises(ValueError, match="frame"):
         SpinCore(Settings(TABLE, frame="map"))
@@ -320,9 +354,9 @@ def test_encodings(encoding, big):
         height=5, width=7, encoding=encoding, is_bigendian=big, step=rows.shape[1], data=rows.tobytes()
     )
     image, color = image_of(message)
-    expected = values[..., 0] if channels == 1 else values[..., :3]
+    expected = values[..., 0] if channels == 1 else values
     assert np.array_equal(image, expected) and image.dtype.isnative
-    assert color == {"m": "gray", "r": "rgb", "b": "bgr"}[encoding[0]]
+    assert color == ("gray" if channels == 1 else encoding.rstrip("0123456789"))
     message.encoding = "yuv422"
     with pytest.raises(ValueError, match="encoding"):
         image_of(message)

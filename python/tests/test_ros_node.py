@@ -13,6 +13,7 @@ from conftest import ROOT
 from scipy.spatial.transform import Rotation
 
 import spindoe
+from spindoe import _palette
 
 PACKAGE = ROOT / "python/examples/ros2_spindoe"
 TABLE = str(ROOT / "designs/dots20/table.npz")
@@ -102,7 +103,7 @@ def test_compressed_images_have_a_topic_of_their_own(rclpy, clip, monkeypatch):
         rclpy.module.SpinNode()
 
 
-def test_an_overlay_for_who_listens(rclpy, clip):
+def test_an_overlay_while_somebody_subscribes(rclpy, clip):
     node = rclpy.module.SpinNode()
     _, on_image, _ = node.subscriptions["image"]
     publisher = node.publishers["ball/overlay"]
@@ -123,9 +124,8 @@ def test_an_overlay_for_who_listens(rclpy, clip):
     dots = np.hypot(*(np.stack([columns, rows], 1)[:, None] - truth.dots[truth.visible]).transpose(2, 0, 1))
     is_near = (np.abs(off) < 3.0) | (dots.min(axis=1) < 4.0)
     assert 300 < changed.sum() < 1500 and is_near.mean() > 0.9
-    core = sys.modules["spindoe_ros.core"]
     at_dots = np.rint(truth.dots[truth.visible]).astype(int)
-    assert np.mean([tuple(drawn[v, u]) == core.MATCHED_COLOR for u, v in at_dots]) > 0.7
+    assert np.mean([tuple(drawn[v, u]) == _palette.IDENTIFIED for u, v in at_dots]) > 0.7
 
 
 def numbers(clip):
@@ -195,9 +195,9 @@ def test_without_a_camera_frames_and_positions_say_so(rclpy, clip):
 
 
 def test_what_camera_info_says(rclpy, clip):
-    core = sys.modules["spindoe_ros.core"]
     info = camera_info(clip, distortion=[-0.2, 0.05, 0.001, -0.002, 0.0])
     fx, fy, cx, cy = numbers(clip)
+    core = sys.modules["spindoe_ros.core"]
     known = spindoe.Camera([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], [-0.2, 0.05, 0.001, -0.002, 0.0])
     assert core.camera_of(info) == known
     # A region of interest and binned pixels: those of the whole sensor, moved and divided.

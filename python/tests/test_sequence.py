@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -15,10 +16,15 @@ import pytest
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-from conftest import run
+from conftest import ROOT, run
+from spindoe_ros import bag
+from spindoe_ros.core import Settings, SpinCore
 
 import spindoe
+import spindoe.compat
 from spindoe import _cluster
+from spindoe._common import optional
+from spindoe._palette import OTHER, on_white
 
 SPIN = (40.0, 150.0, -60.0)
 EASY = {"ball_px": [100, 100], "camera_distance_radii": [20, 20]}
@@ -119,6 +125,32 @@ def test_other_files_are_refused_in_one_line(found, table, tmp_path):
         load(tmp_path / "nowhere.npz")
 
 
+def test_a_damaged_file_is_refused_in_one_line(clip, estimator, tmp_path):
+    """Any bit and any end: what is loaded is what was saved, or a line names the file."""
+    path = tmp_path / "clip.npz"
+    found = estimator.estimate_sequence(clip[0][:3], clip[1][:3], color="rgb")
+    found.save(path)
+    content = path.read_bytes()
+    random = np.random.default_rng(1)
+    # What stands at the end and at the front decides how all else is read: every byte there, and others at random.
+    places = [*range(len(content) - 250, len(content)), *range(100), *random.integers(0, len(content), 200)]
+    refused = 0
+    for place in places:
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << random.integers(8)
+        path.write_bytes(damaged)
+        try:
+            _same(spindoe.SequenceEstimate.load(path), found)
+        except ValueError as error:
+            refused += 1
+            assert str(error).startswith(f"{path}: ") and "\n" not in str(error)
+    assert refused > len(places) // 2
+    for end in random.integers(0, len(content), 50):
+        path.write_bytes(content[:end])
+        with pytest.raises(ValueError, match=f"^{re.escape(str(path))}: expected a sequence"):
+            spindoe.SequenceEstimate.load(path)
+
+
 def test_the_data_frame_is_the_commands_table(pattern, estimator, command, tmp_path):
     cv2 = pytest.importorskip("cv2")
     drawn = spindoe.synth(pattern, 10, seed=4, fps=350.0, spin_rad_s=SPIN, **EASY)
@@ -150,20 +182,58 @@ def test_a_rejected_frame_has_a_row(found):
     assert rows["radius_px"][4] == found.frames[4].circle[2]
 
 
-def test_where_an_extra_is_missing_one_line_says_what_to_install(found, table, monkeypatch):
-    for module, extra, call in [
+def test_where_an_extra_is_missing_one_line_says_what_to_install(found, clip, table, tmp_path, monkeypatch):
+    frame, spin, times = found.frames[0], found.spin, found.times_s[:4]
+    hasher = spindoe.compat.BayGeoHasher()
+    hasher.gen_hash_table(table.pattern.dots)
+    turns = spin.as_rotation(times)
+    regressor = spindoe.compat.SpinRegressor()
+    core = SpinCore(Settings(str(ROOT / "designs/dots20/table.npz")))
+    for library, extra, call in [
         ("pandas", "pandas", found.to_dataframe),
-        ("matplotlib.pyplot", "plot", found.plot),
-        ("matplotlib.pyplot", "plot", table.pattern.plot),
-        ("scipy.spatial.transform", "scipy", found.frames[0].pose.as_rotation),
-        ("scipy.spatial.transform", "scipy", found.spin.as_rotation),
+        ("matplotlib", "plot", found.plot),
+        ("matplotlib", "plot", table.pattern.plot),
+        ("matplotlib", "plot", lambda: frame.plot(clip[0][0], table=table, color="rgb")),
+        ("scipy", "scipy", frame.pose.as_rotation),
+        ("scipy", "scipy", spin.as_rotation),
+        ("scipy", "scipy", lambda: spin.as_rotation(times)),
+        ("scipy", "scipy", lambda: spindoe.compat.BayGeoHasher().gen_hash_table(table.pattern.dots)),
+        ("scipy", "scipy", lambda: hasher.verification(0, 1, table.pattern.dots)),
+        ("scipy", "scipy", lambda: regressor.regress(times, turns)),
+        ("scipy", "scipy", lambda: regressor.quat2rot([1.0, 0.0, 0.0, 0.0])),
+        ("scipy", "scipy", lambda: spindoe.compat.SpinDOE.predicted_rots(None, turns, 0.0, times, spin.spin_rad_s)),
         ("trimesh", "mesh", lambda: spindoe.Stencil(table).to_trimesh("a")),
         ("ray", "ray", lambda: list(_cluster.run(print, [()], ray="local"))),
+        ("rosbags", "ros", lambda: bag.process(tmp_path / "in", tmp_path / "out", core)),
     ]:
         with monkeypatch.context() as without:
-            without.setitem(sys.modules, module, None)
-            with pytest.raises(ValueError, match=rf"^{module.split('.')[0]}: .*pip install spindoe\[{extra}\]$"):
+            # All of it, however much is imported.
+            for name in [library, *(name for name in sys.modules if name.startswith(f"{library}."))]:
+                without.setitem(sys.modules, name, None)
+            with pytest.raises(ValueError, match=rf"^{library}: .*pip install spindoe\[{extra}\]$"):
                 call()
+
+
+def test_without_rosbags_the_command_says_what_to_install(tmp_path):
+    """Also where the module itself is run: it imports nothing of its extra."""
+    script = (
+        "import sys; sys.modules['rosbags'] = None; from spindoe_ros import bag\n"
+        f"sys.exit(bag.main(['in', {str(tmp_path / 'out')!r}, '--table', 'dots20']))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.startswith("spindoe_ros.bag: rosbags: ") and "pip install spindoe[ros]" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "reason", ["ImportError('libGL.so.1: cannot open\\nshared object file')", "ModuleNotFoundError('no arrow', name='arrow')"]
+)
+def test_an_extra_that_is_there_and_broken_says_why(reason, tmp_path, monkeypatch):
+    (tmp_path / "broken_extra.py").write_text(f"raise {reason}")
+    monkeypatch.syspath_prepend(tmp_path)
+    words = "libGL.so.1: cannot open shared object file" if "libGL" in reason else "no arrow"
+    with pytest.raises(ValueError, match=rf"^broken_extra: it is installed and cannot be imported: {words}$"):
+        optional("broken_extra", "live")
 
 
 def test_the_package_needs_none_of_its_extras():
@@ -232,7 +302,7 @@ def test_frames_and_sequences_are_shown(found):
     assert found.frames[5].pose.reason in "".join(root.itertext())
     root, svg = _svg(found._repr_html_())
     bars = _all(svg, "rect")
-    assert len(bars) == 14 and [k for k, bar in enumerate(bars) if bar.get("fill") == "#d1495b"] == [5]
+    assert len(bars) == 14 and [k for k, bar in enumerate(bars) if bar.get("fill") == on_white(OTHER)] == [5]
     heights = [float(bar.get("height")) for k, bar in enumerate(bars) if k != 5]
     assert np.allclose(heights, [40 * c for k, c in enumerate(found.confidences) if k != 5], atol=0.01)
     assert " rps" in "".join(root.itertext())

@@ -182,6 +182,9 @@ def test_memory_layout_does_not_matter(estimator, image, deep, order, margin, fl
         ("image.png", "gray", 'color: expected "rgb" or none for an image file'),
         (__file__, None, r"test_vision.py: image: expected a PNG"),
         (b"bytes", "gray", "image: expected an array .*bytes"),
+        (np.zeros((40, 40), ">i4"), "gray", "image: expected an array .*int32"),
+        # It has a mode, and is no image of Pillow.
+        (open(__file__, "rb"), "bgr", "image: expected an array .*BufferedReader"),  # noqa: SIM115
     ],
 )
 def test_bad_images_are_named(estimator, image, color, words):
@@ -215,7 +218,13 @@ def test_all_that_an_image_may_be(image, estimator, tmp_path):
         assert same(estimator.estimate(one, color=color), in_color)
     for one in (gray[..., None], pil.fromarray(gray), gray / 255.0, pil.fromarray(gray.astype(np.uint16) * 257)):
         assert same(estimator.estimate(one), in_gray)
-    assert same(estimator.estimate(deep_file), estimator.estimate(deep, color="rgb"))
+    in_depth = estimator.estimate(deep, color="rgb")
+    assert same(estimator.estimate(deep_file), in_depth)
+    mapped = np.memmap(tmp_path / "mapped", np.uint16, "w+", shape=deep.shape)
+    mapped[:] = deep
+    for one in (deep.astype(">u2"), deep.astype("<u2"), mapped):
+        assert same(estimator.estimate(one, color="rgb"), in_depth)
+    assert same(estimator.estimate((image / 255.0).astype(">f8"), color="rgb"), in_color)
     together = estimator.estimate_sequence([color_file, pil.fromarray(image), str(color_file)])
     assert all(same(frame, in_color) for frame in together.frames)
     assert same(estimator.tracker().update(pil.fromarray(image), 0.0).frame, in_color)
