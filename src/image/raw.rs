@@ -225,7 +225,7 @@ impl<'a> RawImage<'a> {
             RawPixel::Gray => {
                 for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(side)) {
                     let total: u32 = cell.iter().map(|&sample| sample.into()).sum();
-                    *sum += share::<T>(total);
+                    *sum += luma([share::<T>(total); 3]);
                 }
             }
             _ => {

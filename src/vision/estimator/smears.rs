@@ -28,6 +28,8 @@ const FACTORS: [f64; 5] = [-2.0, -1.0, 0.0, 1.0, 2.0];
 const SAME_DOT: f64 = 0.1;
 /// Ln odds of a turn against none from which on a frame says how long its smear is.
 const CLEAR: f64 = 5.0;
+/// Smaller turns, radians, are clear where they seem larger: their length is not compared.
+const MIN_COMPARED: f64 = 0.09;
 
 impl<D: DotDetector> Estimator<D> {
     /// How the dots of a frame with a pose are smeared, whose ball moved by `shift` pixels while the shutter was open; `None` where
@@ -92,16 +94,14 @@ impl SequenceSmears {
     }
 
     /// How long the smears are over what a spin makes of the exposure, the median of the frames whose smear is clear; `None` where none
-    /// is, or where the spin smears by more than is measured. Far from 1 the exposure or the spin is wrong.
+    /// is, or where the spin smears by less or more than is measured. Far from 1 the exposure or the spin is wrong.
     pub fn exposure_factor(&self, spin: &Vec3) -> Option<f64> {
         let expected = spin.norm() * self.exposure_s;
-        let clear = self
-            .smears
-            .iter()
-            .filter(|smear| expected < smear.max_turn());
+        let is_measured = |smear: &&Smear| (MIN_COMPARED..smear.max_turn()).contains(&expected);
+        let clear = self.smears.iter().filter(is_measured);
         let turns = clear.filter_map(|smear| smear.turn().filter(|turn| turn.evidence >= CLEAR));
         let mut factors: Vec<f64> = turns.map(|turn| turn.angle() / expected).collect();
-        (!factors.is_empty() && expected > 0.0).then(|| median(&mut factors))
+        (!factors.is_empty()).then(|| median(&mut factors))
     }
 }
 

@@ -122,10 +122,11 @@ fn smears_settle_what_the_frame_rate_leaves_open() {
         assert!((slowest.at(0.0).motion.rps() - 30.0).abs() < 1.0);
         let settled = SpinEstimate::fit_with(&measurements, model, &config, &smears).unwrap();
         assert!((settled.at(0.0).motion.rps() - rps).abs() < 1.0, "{rps}");
-        let factor = smears
-            .exposure_factor(&settled.at(0.0).motion.spin)
-            .unwrap();
-        assert!((factor - 1.0).abs() < 0.1, "{factor}");
+        // A turn of 3 degrees is too small to say how long it is.
+        let factor = smears.exposure_factor(&settled.at(0.0).motion.spin);
+        assert_eq!(factor.is_some(), rps > 80.0);
+        let is_right = factor.is_none_or(|factor| (factor - 1.0).abs() < 0.1);
+        assert!(is_right, "{factor:?}");
         // Other spins are not even listed.
         let listed = AliasConfig::default();
         let summary = settled
