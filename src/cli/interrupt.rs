@@ -87,8 +87,12 @@ fn interrupted(signal: i32) {
     } else {
         files::remove_all_asides();
         let kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, words)) = kept.as_ref().filter(|(file, _)| file.exists()) {
-            errln!("{}spindoe: {words}", clear_bar(signal == SIGINT));
+        let clear = clear_bar(signal == SIGINT);
+        match kept.as_ref().filter(|(file, _)| file.exists()) {
+            Some((_, words)) => errln!("{clear}spindoe: {words}"),
+            // No bar stays on the terminal.
+            None if !clear.is_empty() => errln!("{clear}spindoe: stopped"),
+            None => {}
         }
         std::process::exit(128 + signal);
     }
