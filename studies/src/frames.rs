@@ -52,6 +52,15 @@ pub fn estimator(pattern: &Pattern) -> Result<Estimator<NamedDetector>> {
     Estimator::new(pattern, EstimatorConfig::default(), detector)
 }
 
+/// One that measures how dots are blurred, too.
+pub fn blur_estimator(pattern: &Pattern) -> Result<Estimator<NamedDetector>> {
+    let config = EstimatorConfig {
+        measures_blur: true,
+        ..EstimatorConfig::default()
+    };
+    Estimator::new(pattern, config, DetectorName::Cnn.build()?)
+}
+
 /// The workspace of such an estimator.
 pub type Workspace = EstimatorWorkspace<<NamedDetector as DotDetector>::Workspace>;
 

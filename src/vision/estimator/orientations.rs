@@ -17,6 +17,19 @@ pub struct NamedFrame<'a> {
     pub estimate: &'a FrameEstimate,
 }
 
+impl<'a> NamedFrame<'a> {
+    /// Frames of a sequence without names, with their times in seconds.
+    pub fn of_times(times_s: &[f64], estimates: &'a [FrameEstimate]) -> Vec<Self> {
+        let timed = times_s.iter().zip(estimates);
+        let named = timed.map(|(time_s, estimate)| Self {
+            name: "",
+            time_s: Some(*time_s),
+            estimate,
+        });
+        named.collect()
+    }
+}
+
 /// The orientations of frames, in `frame`. View frames ([`CameraModel::is_view`](super::CameraModel::is_view)) of a sequence are
 /// brought into one ([`SequenceView`]); else each row is in its own.
 pub fn orientations(

@@ -392,14 +392,7 @@ pub fn estimate_spin(
     times_s: &[f64],
     frames: &[FrameEstimate],
 ) -> Result<Fit, SpinRejection> {
-    let named = times_s
-        .iter()
-        .zip(frames)
-        .map(|(time_s, estimate)| NamedFrame {
-            name: "",
-            time_s: Some(*time_s),
-            estimate,
-        });
-    let file = orientations(&named.collect::<Vec<_>>(), CameraFrame::default(), true);
+    let named = NamedFrame::of_times(times_s, frames);
+    let file = orientations(&named, CameraFrame::default(), true);
     RobustEstimator::new(file.spin_config(config.spin)).fit(&file.measurements())
 }

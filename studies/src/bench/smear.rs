@@ -5,8 +5,7 @@ use spindoe::geometry::Vec3;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::vision::smear::{Smear, SmearedDot, Turn};
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig};
-use spindoe_studies::frames::{DOTS20, each};
+use spindoe_studies::frames::{DOTS20, blur_estimator, each};
 use spindoe_studies::score::{bins, median, share};
 use spindoe_studies::table::{Table, figure};
 use spindoe_studies::{Outcome, row};
@@ -65,15 +64,7 @@ impl Seen {
 impl Args {
     pub fn run(&self) -> Outcome {
         let pattern = Pattern::read_csv(DOTS20.as_ref())?;
-        let config = EstimatorConfig {
-            measures_blur: true,
-            ..EstimatorConfig::default()
-        };
-        let estimator = [Estimator::new(
-            &pattern,
-            config,
-            DetectorName::Cnn.build()?,
-        )?];
+        let estimator = [blur_estimator(&pattern)?];
         println!("{} frames a size, seed {}", self.frames, self.seed);
         let table = Table::new([
             "ball, px",

@@ -25,8 +25,8 @@ use spindoe::synth::dataset::{ClipConfig, Sequence};
 use spindoe::vision::estimator::{
     NamedFrame, SequenceConfig, SequenceSmears, estimate_sequence, orientations,
 };
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, NamedDetector};
-use spindoe_studies::frames::DOTS20;
+use spindoe::vision::{Estimator, NamedDetector};
+use spindoe_studies::frames::{DOTS20, blur_estimator};
 use spindoe_studies::score::share;
 use spindoe_studies::table::Table;
 use spindoe_studies::{Outcome, row};
@@ -89,11 +89,7 @@ impl Clip {
 impl Args {
     pub fn run(&self) -> Outcome {
         let pattern = Pattern::read_csv(DOTS20.as_ref())?;
-        let config = EstimatorConfig {
-            measures_blur: true,
-            ..EstimatorConfig::default()
-        };
-        let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build()?)?;
+        let estimator = blur_estimator(&pattern)?;
         println!(
             "{} clips of {} frames a row, ball of {} px, {} to {} rps, seed {}",
             self.clips, self.frames, self.px, self.rps[0], self.rps[1], self.seed
@@ -166,15 +162,7 @@ impl Args {
         let views: Vec<ImageView<'_>> = images.iter().map(ImageView::from).collect();
         let (frames, _) =
             estimate_sequence(estimator, &SequenceConfig::default(), &times_s, &views);
-        let named = frames
-            .iter()
-            .zip(&times_s)
-            .map(|(estimate, time_s)| NamedFrame {
-                name: "",
-                time_s: Some(*time_s),
-                estimate,
-            });
-        let named: Vec<NamedFrame<'_>> = named.collect();
+        let named = NamedFrame::of_times(&times_s, &frames);
         let found = orientations(&named, CameraFrame::View, true);
         let (measurements, config) = (
             found.measurements(),

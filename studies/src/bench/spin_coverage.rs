@@ -97,15 +97,8 @@ fn outcomes(
     };
     let turned = judge(estimate_spin(&config, &times, &estimates));
     // What a reader makes of the file that lacks the covariances.
-    let named = times
-        .iter()
-        .zip(&estimates)
-        .map(|(time_s, estimate)| NamedFrame {
-            name: "",
-            time_s: Some(*time_s),
-            estimate,
-        });
-    let mut file = orientations(&named.collect::<Vec<_>>(), CameraFrame::View, true);
+    let named = NamedFrame::of_times(&times, &estimates);
+    let mut file = orientations(&named, CameraFrame::View, true);
     file.rows.iter_mut().for_each(|row| row.covariance = None);
     let settings = SpinConfig {
         shared: file.shared_error(),

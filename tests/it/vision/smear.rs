@@ -15,16 +15,23 @@ use spindoe::vision::estimator::{
     NamedFrame, SequenceConfig, SequenceSmears, estimate_sequence, orientations,
 };
 use spindoe::vision::smear::Turn;
-use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
+use spindoe::vision::{
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
+};
 
-/// True and found turns of so many frames whose ball turns by `max_rad` at most.
-fn turns(max_rad: f64, frames: usize, measures_blur: bool) -> Vec<(Vec3, Option<Turn>)> {
+fn estimator(measures_blur: bool) -> Estimator<NamedDetector> {
     let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref()).unwrap();
     let config = EstimatorConfig {
         measures_blur,
         ..EstimatorConfig::default()
     };
-    let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build().unwrap()).unwrap();
+    Estimator::new(&pattern, config, DetectorName::Cnn.build().unwrap()).unwrap()
+}
+
+/// True and found turns of so many frames whose ball turns by `max_rad` at most.
+fn turns(max_rad: f64, frames: usize, measures_blur: bool) -> Vec<(Vec3, Option<Turn>)> {
+    let estimator = estimator(measures_blur);
+    let pattern = estimator.pattern();
     let world = SynthConfig {
         max_arc_rad: max_rad,
         max_shift_px: 0.0,
@@ -32,7 +39,7 @@ fn turns(max_rad: f64, frames: usize, measures_blur: bool) -> Vec<(Vec3, Option<
     };
     let mut ws = estimator.workspace();
     let turn = |k| {
-        let frame = independent_frame(&pattern, &world, 32_599_001, k).unwrap();
+        let frame = independent_frame(pattern, &world, 32_599_001, k).unwrap();
         let mut found = FrameEstimate::default();
         let (prior, budget) = (Prior::default(), Budget::default());
         estimator.estimate(&frame.image, &prior, &budget, &mut ws, &mut found);
@@ -84,12 +91,8 @@ fn blur_is_measured_where_it_is_asked_for() {
 fn smears_settle_what_the_frame_rate_leaves_open() {
     const FPS: f64 = 120.0;
     const EXPOSURE_S: f64 = 0.0003;
-    let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref()).unwrap();
-    let config = EstimatorConfig {
-        measures_blur: true,
-        ..EstimatorConfig::default()
-    };
-    let estimator = Estimator::new(&pattern, config, DetectorName::Cnn.build().unwrap()).unwrap();
+    let estimator = estimator(true);
+    let pattern = estimator.pattern();
     for (seed, rps) in [(1, 90.0), (2, 30.0), (3, 90.0)] {
         let clip = ClipConfig {
             fps: FPS,
@@ -97,21 +100,13 @@ fn smears_settle_what_the_frame_rate_leaves_open() {
             exposure_s: Some(EXPOSURE_S),
             ..ClipConfig::default()
         };
-        let sequence = Sequence::random(&pattern, &SynthConfig::good(), &clip, seed, 10).unwrap();
+        let sequence = Sequence::random(pattern, &SynthConfig::good(), &clip, seed, 10).unwrap();
         let frames: Vec<_> = (0..10).map(|k| sequence.frame(k).unwrap()).collect();
         let times_s: Vec<f64> = frames.iter().map(|f| f.truth.time_s.unwrap()).collect();
         let images: Vec<_> = frames.iter().map(|f| ImageView::from(&f.image)).collect();
         let (found, _) =
             estimate_sequence(&estimator, &SequenceConfig::default(), &times_s, &images);
-        let named = found
-            .iter()
-            .zip(&times_s)
-            .map(|(estimate, time_s)| NamedFrame {
-                name: "",
-                time_s: Some(*time_s),
-                estimate,
-            });
-        let named: Vec<NamedFrame<'_>> = named.collect();
+        let named = NamedFrame::of_times(&times_s, &found);
         let rows = orientations(&named, CameraFrame::View, true);
         let (measurements, config) = (rows.measurements(), rows.spin_config(SpinConfig::default()));
         let smears =
