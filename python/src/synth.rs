@@ -73,6 +73,7 @@ impl Sequence {
             spin,
             exposure_s,
             drift_px,
+            readout_s: 0.0,
         };
         let config = config(table, preset, settings)?;
         let random = dataset::Sequence::random(table.0.pattern(), &config, &sequence, seed, frames);

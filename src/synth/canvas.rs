@@ -2,6 +2,9 @@
 //!
 //! The grid covers the ball's box in the image only, so that the cost grows with the ball's area.
 //! What a ray meets and how it is lit does not change while the ball turns; the paint does.
+//! Under a rolling shutter the rows of the grid are painted one image row at a time.
+
+use std::ops::Range;
 
 use super::color::Color;
 use super::pen::Spot;
@@ -53,8 +56,13 @@ impl Canvas {
                 let high = (x + half + 2.0).min(side as f64 + beyond).ceil();
                 [low as isize, high.max(low) as isize]
             };
-            let us = range(u, scene.size[0], scene.shift_px[0]);
-            let vs = range(v, scene.size[1], scene.shift_px[1]);
+            // What moves during the exposure, and from the ball's first row to its last.
+            let moved = [0, 1].map(|k| {
+                let by_row = scene.velocity_px_s[k].abs() * scene.row_s;
+                scene.shift_px[k].abs() + by_row * (2.0 * half + 2.0)
+            });
+            let us = range(u, scene.size[0], moved[0]);
+            let vs = range(v, scene.size[1], moved[1]);
             [[us[0], vs[0]], [us[1], vs[1]]]
         };
         let columns = (end[0] - start[0]) as usize * fine;
@@ -104,9 +112,24 @@ impl Canvas {
         }
     }
 
-    /// Adds the painted ball, moved by `shift` pixels, with the given weight.
+    /// All rows of rays.
+    pub fn all_rows(&self) -> Range<usize> {
+        0..self.rows
+    }
+
+    /// The rows of rays that an image's row shows of a ball that is moved by `shift_v` pixels.
+    pub fn rows_of(&self, image_row: usize, shift_v: f64) -> Range<usize> {
+        let fine = self.fine as isize;
+        let moved = (shift_v * self.fine as f64).round() as isize;
+        let first = (image_row as isize - self.corner[1]) * fine - moved;
+        let within = |row: isize| row.clamp(0, self.rows as isize) as usize;
+        within(first)..within(first + fine)
+    }
+
+    /// Adds rows of the painted ball, moved by `shift` pixels, with the given weight.
     pub fn add(
         &self,
+        rows: Range<usize>,
         shift: [f64; 2],
         weight: f32,
         [width, height]: [usize; 2],
@@ -114,19 +137,16 @@ impl Canvas {
     ) {
         let weight = weight / (self.fine * self.fine) as f32;
         // The shift in whole rays, and the pixel of each ray.
-        let places = |rays: usize, axis: usize, side: usize| -> Vec<Option<usize>> {
+        let place = |ray: usize, axis: usize, side: usize| {
             let moved = (shift[axis] * self.fine as f64).round() as isize;
-            (0..rays as isize)
-                .map(|ray| {
-                    let pixel = self.corner[axis] + (ray + moved).div_euclid(self.fine as isize);
-                    usize::try_from(pixel).ok().filter(|p| *p < side)
-                })
-                .collect()
+            let pixel = self.corner[axis] + (ray as isize + moved).div_euclid(self.fine as isize);
+            usize::try_from(pixel).ok().filter(|p| *p < side)
         };
-        let us = places(self.columns, 0, width);
-        let vs = places(self.rows, 1, height);
-        for (row, v) in vs.iter().enumerate() {
-            let Some(v) = v else { continue };
+        let us: Vec<_> = (0..self.columns).map(|ray| place(ray, 0, width)).collect();
+        for row in rows {
+            let Some(v) = place(row, 1, height) else {
+                continue;
+            };
             for (column, u) in us.iter().enumerate() {
                 let at = row * self.columns + column;
                 let (true, Some(u)) = (self.hit[at], u) else {
@@ -142,28 +162,30 @@ impl Canvas {
         }
     }
 
-    /// Paints the surface, turned, over all rays.
-    pub fn paint(&mut self, scene: &Scene, view: &View, rotation: &Rotation) {
+    /// Paints the surface, turned, over rows of rays.
+    pub fn paint(&mut self, rows: Range<usize>, scene: &Scene, view: &View, rotation: &Rotation) {
         let surface = &scene.surface;
-        self.albedo.fill(surface.ball);
+        let rays = rows.start * self.columns..rows.end * self.columns;
+        self.albedo[rays.clone()].fill(surface.ball);
         for seam in &surface.seams {
-            self.paint_seam(seam, rotation);
+            self.paint_seam(rays.clone(), seam, rotation);
         }
         for mark in &surface.marks {
-            self.paint_mark(mark, view, rotation);
+            self.paint_mark(&rows, mark, view, rotation);
         }
         for stain in &surface.stains {
-            self.paint_spot(stain, surface.stain_color, view, rotation);
+            self.paint_spot(&rows, stain, surface.stain_color, view, rotation);
         }
         for spot in surface.dots.iter().flatten().chain(&surface.strangers) {
-            self.paint_spot(spot, surface.ink, view, rotation);
+            self.paint_spot(&rows, spot, surface.ink, view, rotation);
         }
     }
 
-    fn paint_seam(&mut self, seam: &Seam, rotation: &Rotation) {
+    fn paint_seam(&mut self, rays: Range<usize>, seam: &Seam, rotation: &Rotation) {
         let axis = single(&(rotation * seam.axis));
         let half_width = seam.half_width as f32;
-        for (albedo, n) in self.albedo.iter_mut().zip(&self.normals) {
+        let normals = &self.normals[rays.clone()];
+        for (albedo, n) in self.albedo[rays].iter_mut().zip(normals) {
             let off = part(n, &axis).abs();
             // The edge fades over a third of the width.
             let covered = seam.strength * (3.0 * (1.0 - off / half_width)).clamp(0.0, 1.0);
@@ -173,9 +195,16 @@ impl Canvas {
         }
     }
 
-    fn paint_spot(&mut self, spot: &Spot, ink: Color, view: &View, rotation: &Rotation) {
+    fn paint_spot(
+        &mut self,
+        rows: &Range<usize>,
+        spot: &Spot,
+        ink: Color,
+        view: &View,
+        rotation: &Rotation,
+    ) {
         let middle = rotation * spot.middle;
-        let Some([us, vs]) = self.window(&middle, spot.reach(), view) else {
+        let Some([us, vs]) = self.window(rows, &middle, spot.reach(), view) else {
             return;
         };
         let m = single(&middle);
@@ -214,11 +243,11 @@ impl Canvas {
         }
     }
 
-    fn paint_mark(&mut self, mark: &Mark, view: &View, rotation: &Rotation) {
+    fn paint_mark(&mut self, rows: &Range<usize>, mark: &Mark, view: &View, rotation: &Rotation) {
         let middle = rotation * mark.middle;
         // The corners of the square in which it is drawn.
         let reach = std::f64::consts::SQRT_2 * mark.radius;
-        let Some([us, vs]) = self.window(&middle, reach, view) else {
+        let Some([us, vs]) = self.window(rows, &middle, reach, view) else {
             return;
         };
         let m = single(&middle);
@@ -237,27 +266,28 @@ impl Canvas {
         }
     }
 
-    /// Columns and rows of rays that may meet the cap of the given angular radius; `None` where the
-    /// cap is out of sight.
+    /// Columns and rows of rays, within `rows`, that may meet the cap of the given angular radius; `None`
+    /// where the cap is out of sight.
     fn window(
         &self,
+        rows: &Range<usize>,
         middle: &Vec3,
         angle: f64,
         view: &View,
-    ) -> Option<[std::ops::Range<usize>; 2]> {
+    ) -> Option<[Range<usize>; 2]> {
         // The cosine falls by no more than the angle.
         if middle.dot(&self.towards) < self.horizon - angle {
             return None;
         }
         let at = view.project(middle);
         let reach = self.reach_px * angle.min(2.0) + 1.0;
-        let range = |x: f64, axis: usize, count: usize| {
+        let range = |x: f64, axis: usize, within: &Range<usize>| {
             let ray = |x: f64| (x + 0.5 - self.corner[axis] as f64) * self.fine as f64;
-            let low = ray(x - reach).max(0.0) as usize;
-            let high = (ray(x + reach).max(0.0) as usize + 1).min(count);
+            let low = (ray(x - reach).max(0.0) as usize).max(within.start);
+            let high = (ray(x + reach).max(0.0) as usize + 1).min(within.end);
             low.min(high)..high
         };
-        Some([range(at.u, 0, self.columns), range(at.v, 1, self.rows)])
+        Some([range(at.u, 0, &(0..self.columns)), range(at.v, 1, rows)])
     }
 }
 

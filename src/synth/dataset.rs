@@ -29,6 +29,8 @@ const FIRST_NS: u64 = 1_000_000_000_000;
 const MAX_DRIFT: f64 = 0.1;
 /// Maximum of a sequence's given drift along either axis, pixels: wider than the images.
 const MAX_DRIFT_PX: f64 = 10_000.0;
+/// Maximum speed of a ball along the columns, over that of the rolling shutter.
+const MAX_PACE: f64 = 0.5;
 /// Least and greatest number of frames a second.
 const FPS: (f64, f64) = (1e-3, 1e6);
 
@@ -44,6 +46,10 @@ pub struct ClipConfig {
     /// Displacement of the ball's center over the whole sequence, pixels (u, v); where not given,
     /// at random, with a maximum of a tenth of the radius.
     pub drift_px: Option<[f64; 2]>,
+    /// Rolling shutter: time from the exposure of the image's first row to that of its last, s; 0 for a global shutter. A frame's name
+    /// has the time of its first row; its truth is that of the row in which the ball's center is seen.
+    #[serde(default)]
+    pub readout_s: f64,
 }
 
 /// A dot's truth.
@@ -76,7 +82,7 @@ pub struct FrameTruth {
     pub image: String,
     /// What is shown.
     pub kind: SynthKind,
-    /// Time of mid-exposure, s, in a sequence.
+    /// Time of mid-exposure, s, in a sequence; of a rolling shutter that of the row in which the ball's center is seen.
     pub time_s: Option<f64>,
     /// Columns and rows.
     pub size: [usize; 2],
@@ -219,6 +225,7 @@ impl Sequence {
             spin,
             exposure_s,
             drift_px,
+            readout_s,
         } = *sequence;
         let (low, high) = FPS;
         let expected = format!("{low} to {high}");
@@ -254,6 +261,14 @@ impl Sequence {
         let speed = fps / count.max(2) as f64;
         // What moves between frames moves during the exposure, too, and nothing else does.
         first.shift_px = drift_px.map(|d| d * speed * first.exposure_s);
+        first.velocity_px_s = drift_px.map(|d| d * speed);
+        let expected = format!("0 to {} s, the time between two frames", 1.0 / fps);
+        let inside = (0.0..=1.0 / fps).contains(&readout_s);
+        require(inside, "readout_s", &expected, readout_s)?;
+        first.row_s = readout_s / (first.size[1] as f64 - 1.0);
+        let pace = first.row_s * first.velocity_px_s[1].abs();
+        let expected = format!("at most {MAX_PACE} of the rolling shutter's speed");
+        require(pace <= MAX_PACE, "drift_px", &expected, pace)?;
         Ok(Self {
             first,
             fps,
@@ -285,19 +300,27 @@ impl Sequence {
     /// [`Error::Internal`] where the compression fails.
     pub fn frame(&self, k: usize) -> Result<Frame> {
         let (scene, ns) = self.scene(k);
-        frame(&scene, format!("{ns}.png"), Some(ns as f64 * 1e-9))
+        let seen_s = scene.row_s * scene.circle.center.v;
+        frame(&scene, format!("{ns}.png"), Some(ns as f64 * 1e-9 + seen_s))
     }
 
-    /// The scene of frame number `k` before it is rendered, and its time, ns.
+    /// The scene of frame number `k` before it is rendered, and its time, ns; of a rolling shutter that of the first row.
     pub fn scene(&self, k: usize) -> (Scene, u64) {
         let step = (1e9 * k as f64 / self.fps).round() as u64;
         // The time that the name says, to the nanosecond.
         let since_s = step as f64 * 1e-9;
         let share = k as f64 / self.count.max(2) as f64 - 0.5;
         let mut scene = self.first.clone();
-        scene.rotation = Rotation::from_scaled_axis(scene.spin * since_s) * scene.rotation;
-        scene.circle.center.u += self.drift_px[0] * share;
-        scene.circle.center.v += self.drift_px[1] * share;
+        let center = &mut scene.circle.center;
+        center.u += self.drift_px[0] * share;
+        center.v += self.drift_px[1] * share;
+        // The shutter reaches the row of the ball's center while the ball moves on.
+        let [u, v] = scene.velocity_px_s;
+        let late_s = scene.row_s * center.v / (1.0 - scene.row_s * v);
+        center.u += u * late_s;
+        center.v += v * late_s;
+        let turn = scene.spin * (since_s + late_s);
+        scene.rotation = Rotation::from_scaled_axis(turn) * scene.rotation;
         scene.noise_seed = frame_rng(self.seed, 1 + k as u64).random();
         (scene, FIRST_NS + step)
     }

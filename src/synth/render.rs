@@ -5,6 +5,8 @@
 //! turned surface is painted anew, and the moved image is added up. The cost grows with the image's
 //! pixels, and for the ball with its own pixels times the instants.
 //!
+//! Under a rolling shutter the same is done row by row, with the ball as it is turned and where it is when the row is exposed.
+//!
 //! The truth is exact for the scene: no detector, fit or estimate enters it. The perspective of a
 //! moved ball is that of mid-exposure.
 
@@ -22,6 +24,8 @@ use crate::vision::camera::{BallCircle, Camera, Pixel};
 const MAX_INSTANTS: usize = 24;
 /// Motion below this needs one instant, pixels.
 const STILL_PX: f64 = 0.3;
+/// Steps to the row in which a spot is seen.
+const ROW_STEPS: usize = 20;
 /// Points of the outline at which its visibility is looked up.
 const RIM_POINTS: usize = 360;
 
@@ -35,9 +39,9 @@ const MIN_CONTRAST: f64 = 0.25;
 pub struct TrueDot {
     /// Its index in the pattern.
     pub index: usize,
-    /// Its middle at mid-exposure, unit vector, view frame.
+    /// Its middle at the mid-exposure of its row, unit vector, view frame.
     pub direction: Vec3,
-    /// Its middle at mid-exposure, image.
+    /// Its middle at the mid-exposure of its row, image.
     pub pixel: Pixel,
     /// Its angular radius, radians.
     pub radius_rad: f64,
@@ -186,14 +190,58 @@ impl Scene {
             let step = self.sensor.defocus_px.max(1.0);
             (1 + (blur / step).ceil() as usize).min(MAX_INSTANTS)
         };
+        let weight = 1.0 / instants as f32;
+        let instants = (0..instants).map(|k| (k as f64 + 0.5) / instants as f64 - 0.5);
         let mut canvas = Canvas::new(self, view);
-        for instant in 0..instants {
-            let t = (instant as f64 + 0.5) / instants as f64 - 0.5;
-            let turn = Rotation::from_scaled_axis(self.spin * (self.exposure_s * t));
-            canvas.paint(self, view, &(turn * self.rotation));
-            let shift = self.shift_px.map(|s| s * t);
-            canvas.add(shift, 1.0 / instants as f32, self.size, sum);
+        if self.row_s > 0.0 {
+            for row in 0..self.size[1] {
+                for t in instants.clone() {
+                    let late_s = self.late_s(row as f64) + self.exposure_s * t;
+                    let shift = self.velocity_px_s.map(|v| v * late_s);
+                    let rows = canvas.rows_of(row, shift[1]);
+                    if !rows.is_empty() {
+                        canvas.paint(rows.clone(), self, view, &self.turned(late_s));
+                        canvas.add(rows, shift, weight, self.size, sum);
+                    }
+                }
+            }
+            return;
         }
+        for t in instants {
+            let rows = canvas.all_rows();
+            canvas.paint(rows.clone(), self, view, &self.turned(self.exposure_s * t));
+            let shift = self.shift_px.map(|s| s * t);
+            canvas.add(rows, shift, weight, self.size, sum);
+        }
+    }
+
+    /// How much later than that of the ball's center a row is exposed, s.
+    fn late_s(&self, row: f64) -> f64 {
+        self.row_s * (row - self.circle.center.v)
+    }
+
+    /// The orientation so much later.
+    fn turned(&self, late_s: f64) -> Rotation {
+        Rotation::from_scaled_axis(self.spin * late_s) * self.rotation
+    }
+
+    /// The middle of a spot (camera frame) and its pixel when its own row is exposed.
+    fn seen(&self, view: &View, middle: &Vec3) -> (Vec3, Pixel) {
+        let at = |late_s: f64| {
+            let n = self.turned(late_s) * middle;
+            let pixel = view.project(&n);
+            let [u, v] = self.velocity_px_s.map(|v| v * late_s);
+            (
+                n,
+                Pixel {
+                    u: pixel.u + u,
+                    v: pixel.v + v,
+                },
+            )
+        };
+        // A fixed point: the surface is slower than the shutter.
+        let steps = if self.row_s > 0.0 { ROW_STEPS } else { 0 };
+        (0..steps).fold(at(0.0), |(_, pixel), _| at(self.late_s(pixel.v)))
     }
 
     /// How much of a pixel is hidden by what is before the ball, and by which light.
@@ -231,14 +279,13 @@ impl Scene {
         let dots = self.surface.dots.iter().enumerate();
         dots.filter_map(|(index, spot)| {
             let spot = (*spot)?;
-            let n = self.rotation * spot.middle;
+            let (n, pixel) = self.seen(view, &spot.middle);
             let facing = view.facing(&n);
             if facing <= 0.0 {
                 return None;
             }
             let under = luma(self.surface.under(&spot.middle));
             let over = under + spot.darkness * (luma(self.surface.ink) - under);
-            let pixel = view.project(&n);
             let [inside, occluded] = self.inside_and_hidden(pixel);
             Some(TrueDot {
                 index,

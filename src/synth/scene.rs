@@ -49,6 +49,11 @@ pub struct Scene {
     pub exposure_s: f64,
     /// Displacement of the ball's center during the exposure, pixels (u, v).
     pub shift_px: [f64; 2],
+    /// Time between the exposures of two rows of a rolling shutter, the upper first, s; 0 of a global one. Rotation and circle are those
+    /// of the row in which the ball's center is seen.
+    pub row_s: f64,
+    /// Velocity of the ball's center from row to row, pixels a second (u, v).
+    pub velocity_px_s: [f64; 2],
     /// The light on the ball.
     pub light: Light,
     /// What is behind.
@@ -128,6 +133,8 @@ impl Scene {
             spin,
             exposure_s,
             shift_px: [displacement * c, displacement * s],
+            row_s: 0.0,
+            velocity_px_s: [0.0; 2],
             light,
             background,
             occluder,

@@ -619,6 +619,7 @@ fn nothing_moves_in_an_exposure_of_no_time() {
         spin: Some([200.0, 100.0, 50.0]),
         exposure_s: Some(exposure_s),
         drift_px: Some(drift),
+        ..ClipConfig::default()
     };
     let frame = |exposure_s, drift| {
         Sequence::random(&pattern, &config, &sequence(exposure_s, drift), 4, 10)
@@ -635,6 +636,90 @@ fn nothing_moves_in_an_exposure_of_no_time() {
     let arc_px = open.truth.blur_px - 5.0;
     let turned_only = frame(0.01, [0.0; 2]).truth.blur_px;
     assert!(turned_only > 0.0 && (arc_px - turned_only).abs() < 1e-9);
+}
+
+#[test]
+fn a_rolling_shutter_exposes_each_row_at_its_own_time() {
+    let pattern = random_pattern(20, 2);
+    let mut rolling = plain_scene(&pattern);
+    rolling.circle.center.v = 70.0;
+    rolling.exposure_s = 0.0;
+    let still = rolling.clone();
+    // From the first row to the last the ball turns by 80 degrees.
+    rolling.row_s = 1e-5;
+    rolling.spin = Vec3::new(500.0, -300.0, 800.0);
+    let rolled = image(&rolling);
+    for row in [12, 40, 69, 70, 71, 95, 128] {
+        let late_s = 1e-5 * (row as f64 - 70.0);
+        let mut then = still.clone();
+        then.rotation = Rotation::from_scaled_axis(rolling.spin * late_s) * then.rotation;
+        let width = rolled.width();
+        let of_row = |image: &RgbImage| image.values()[row * width..][..width].to_vec();
+        assert_eq!(of_row(&rolled), of_row(&image(&then)), "row {row}");
+        assert_eq!(of_row(&rolled) == of_row(&image(&still)), row == 70);
+    }
+    // A ball at rest that moves by a pixel a row: each row is shifted by one more.
+    rolling.spin = Vec3::zeros();
+    rolling.velocity_px_s = [1e5, 0.0];
+    let (rolled, stood) = (image(&rolling), image(&still));
+    for (row, shift) in [(30usize, -40isize), (70, 0), (75, 5)] {
+        for u in 45..95usize {
+            let from = (u as isize - shift) as usize;
+            let at = |image: &RgbImage, u: usize| image.values()[row * 140 + u];
+            assert_eq!(at(&rolled, u), at(&stood, from), "row {row}, column {u}");
+        }
+    }
+}
+
+#[test]
+fn the_truth_of_a_rolling_shutter_is_that_of_each_row() {
+    let pattern = random_pattern(20, 2);
+    let (fps, readout_s, rows) = (100.0, 0.008, 400.0);
+    let clip = ClipConfig {
+        fps,
+        spin: Some([100.0, -200.0, 150.0]),
+        exposure_s: Some(0.0),
+        drift_px: Some([20.0, 60.0]),
+        readout_s,
+    };
+    let config = SynthConfig {
+        image_px: Some([300, 400]),
+        parallel_share: 1.0,
+        ..SynthConfig::good().as_designed()
+    };
+    let sequence = Sequence::random(&pattern, &config, &clip, 4, 10).unwrap();
+    let global = ClipConfig {
+        readout_s: 0.0,
+        ..clip
+    };
+    let global = Sequence::random(&pattern, &config, &global, 4, 10).unwrap();
+    let row_s = readout_s / (rows - 1.0);
+    let (spin, start) = (
+        Vec3::new(100.0, -200.0, 150.0),
+        global.frame(0).unwrap().truth,
+    );
+    let mut dots = 0;
+    for k in 0..10 {
+        let truth = sequence.frame(k).unwrap().truth;
+        let seen_s = 1e-9 * sequence.scene(k).1 as f64 + row_s * truth.ball_center.v;
+        assert!((truth.time_s.unwrap() - seen_s).abs() < 1e-9);
+        // Center and orientation are those of the global shutter at that time.
+        let elapsed = seen_s - start.time_s.unwrap();
+        let v = start.ball_center.v + 6.0 * fps * elapsed;
+        assert!((truth.ball_center.v - v).abs() < 1e-6, "frame {k}");
+        let expected = Rotation::from_scaled_axis(spin * elapsed) * start.camera_orientation();
+        assert!(expected.angle_to(&truth.camera_orientation()) < 1e-6);
+        for dot in &truth.dots {
+            let late_s = row_s * (dot.pixel.v - truth.ball_center.v);
+            let turn = Rotation::from_scaled_axis(spin * late_s) * truth.camera_orientation();
+            let q = turn * pattern.dots()[dot.index];
+            let u = truth.ball_center.u + 2.0 * fps * late_s + truth.radius_px * q.x;
+            let v = truth.ball_center.v + 6.0 * fps * late_s - truth.radius_px * q.y;
+            assert!((dot.pixel.u - u).hypot(dot.pixel.v - v) < 1e-6);
+            dots += 1;
+        }
+    }
+    assert!(dots > 60, "{dots}");
 }
 
 #[test]

@@ -192,6 +192,7 @@ impl Arguments {
             spin: axis.map(|axis| (axis * (low * std::f64::consts::TAU)).into()),
             exposure_s: self.exposure_ms.map(|ms| 1e-3 * ms).or(usual),
             drift_px: self.ranges.drift_px,
+            readout_s: 1e-3 * self.readout_ms.unwrap_or(0.0),
         }))
     }
 

@@ -82,6 +82,10 @@ pub struct Arguments {
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "MS", allow_negative_numbers = true)]
     exposure_ms: Option<f64>,
+    /// Rolling shutter of a clip: time from the exposure of an image's first row to that of its last, milliseconds [default: 0].
+    #[cfg(feature = "vision")]
+    #[arg(long, value_name = "MS", allow_negative_numbers = true)]
+    readout_ms: Option<f64>,
     /// Diameter of the ball, pixels: one number, or LOW,HIGH; the crop's side follows from it.
     #[cfg(feature = "vision")]
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "PX")]
@@ -147,6 +151,7 @@ const OWN: &[(&str, &[Content])] = {
         ("masks", PICTURES),
         ("overwrite", PICTURES),
         ("exposure_ms", &[Clip]),
+        ("readout_ms", &[Clip]),
         ("drift_px", &[Clip]),
         ("fps", &[Clip, Orientations]),
         ("axis", &[Clip, Orientations]),
