@@ -1,4 +1,5 @@
-//! How near orientations come to what the pixels hold. The table of docs/measurements/detector.md comes from here.
+//! How near orientations come to what the pixels hold. The table of docs/measurements/detector.md comes from here, and with
+//! `--picture docs/limit.png` the picture of the README.
 //!
 //! Balls with the dots of `dots20` drawn exactly, no logo, a blur of 0.85 px in all, no noise but white noise of a thirtieth of
 //! the dots' contrast. The limit (root mean square) for `N` dots in sight of the radius `a` px, on a ball of the radius `R` px, is
@@ -6,6 +7,7 @@
 //! per axis `s = (noise / contrast) sqrt(2 sqrt(pi) blur / (pi a))`: the Fisher information of the pixels.
 
 use std::f64::consts::PI;
+use std::path::{Path, PathBuf};
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -14,6 +16,7 @@ use rayon::prelude::*;
 use spindoe::Pattern;
 use spindoe::geometry::Rotation;
 use spindoe::image::GrayImage;
+use spindoe::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Frame, FrameTruth, independent_frame};
 use spindoe::vision::estimator::CameraModel;
@@ -200,6 +203,43 @@ pub struct Args {
     /// Diameters of the balls, pixels.
     #[arg(long, value_delimiter = ',', default_values_t = [20.0, 40.0, 60.0, 120.0, 200.0])]
     ball_px: Vec<f64>,
+    /// Draw the errors over the limit to this file.
+    #[arg(long, value_name = "FILE.png")]
+    picture: Option<PathBuf>,
+}
+
+/// The median error over the limit, with the interval of a median by its order statistics.
+fn over_limit(ball_px: f64, answers: &[Answer], limit_deg: f64) -> Option<ValuePoint> {
+    let mut errors: Vec<f64> = answers.iter().map(|a| a.error_deg / limit_deg).collect();
+    errors.sort_unstable_by(f64::total_cmp);
+    let (count, half) = (errors.len() as f64, 0.98 * (errors.len() as f64).sqrt());
+    let at = |rank: f64| errors.get(rank.max(0.0) as usize).or(errors.last());
+    Some(ValuePoint {
+        x: ball_px,
+        y: median(answers, |a| a.error_deg / limit_deg),
+        low: *at((0.5 * count - half).floor())?,
+        high: *at((0.5 * count + half).ceil())?,
+    })
+}
+
+/// Draws what [`Args::run`] prints.
+fn draw(path: &Path, over: [Vec<ValuePoint>; 3], ends: [f64; 2]) -> spindoe::Result<()> {
+    let series = Known::ALL.into_iter().zip(over);
+    let values = series.map(|(known, points)| ValueSeries {
+        name: format!("{} known", known.named()),
+        points,
+    });
+    let plot = ValuePlot {
+        title: "Orientations against the limit of the pixels".into(),
+        x_label: "diameter of the ball (px)".into(),
+        y_label: "median error over the limit".into(),
+        values: values.collect(),
+        lines: vec![LineSeries {
+            name: "limit".into(),
+            points: ends.map(|px| (px, 1.0)).into(),
+        }],
+    };
+    value_curves(path, &plot)
 }
 
 impl Args {
@@ -220,6 +260,7 @@ impl Args {
             "median squared distance (2.37)",
             "95 % regions hold",
         ]);
+        let mut over = Known::ALL.map(|_| Vec::new());
         for &ball_px in &self.ball_px {
             let config = config(ball_px);
             let one = |k: usize| -> std::result::Result<Judged, String> {
@@ -245,6 +286,7 @@ impl Args {
                 let limit = |f: &Judged| f.limits_deg[usize::from(known != Known::Projection)];
                 let limit = mean(&frames, |f| limit(f).powi(2)).sqrt();
                 let error = median(&answers, |a| a.error_deg);
+                over[k].extend(over_limit(ball_px, &answers, limit));
                 row!(
                     table; ball_px, known.named(), share(&frames, |f| f.answers[k].is_some()),
                     figure(error, 3, ""), figure(limit, 3, ""), figure(error / limit, 1, ""),
@@ -252,6 +294,11 @@ impl Args {
                     share(&answers, |a| a.squared < REGION)
                 );
             }
+        }
+        if let Some(path) = &self.picture {
+            let least = self.ball_px.iter().copied().fold(f64::INFINITY, f64::min);
+            let largest = self.ball_px.iter().copied().fold(0.0, f64::max);
+            draw(path, over, [least, largest])?;
         }
         Ok(())
     }
