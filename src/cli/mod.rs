@@ -290,9 +290,10 @@ fn print_settings(cli: &clap::Command, given: &ArgMatches) -> Result<()> {
 }
 
 /// Parameters of the library whose flag does not follow from their name.
-const FLAGS: [(&str, &str); 5] = [
+const FLAGS: [(&str, &str); 6] = [
     ("hole_diameter_mm", "dot-diameter-mm"),
     ("exposure_s", "exposure-ms"),
+    ("readout_s", "readout-ms"),
     ("image_px", "image-size"),
     ("inverse_distance", "camera-distance-radii"),
     ("max_rps", "max-spin-rps"),

@@ -14,7 +14,7 @@
 //! a turn, those about the reversed axis. Uneven times lower the peaks. Each peak is refined and
 //! its likelihood compared with that of the estimate.
 //!
-//! What else is known of a spin, such as how far its dots are smeared, decides where the orientations are tied:
+//! What else is known of a spin, such as how far its dots are smeared or what a rolling shutter does to them, decides where the orientations are tied:
 //! [`SpinEvidence`].
 //!
 //! Not covered: where the ball turns by less than the noise between all frames (or by whole turns),
@@ -126,6 +126,15 @@ pub fn alternatives(
 pub trait SpinEvidence {
     /// Natural logarithm of the likelihood of a spin (frame of the orientations, rad/s), up to a constant.
     fn ln_likelihood(&self, spin: &Vec3) -> f64;
+}
+
+/// Pieces of evidence that are independent of each other.
+pub struct Together<'a>(pub Vec<&'a dyn SpinEvidence>);
+
+impl SpinEvidence for Together<'_> {
+    fn ln_likelihood(&self, spin: &Vec3) -> f64 {
+        self.0.iter().map(|one| one.ln_likelihood(spin)).sum()
+    }
 }
 
 /// Weighs the alternatives to `spin` by further evidence, too; the likeliest first, those with a ratio under the minimum are

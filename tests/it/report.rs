@@ -84,6 +84,7 @@ fn estimate(path: &Path) {
             name: format!("frame <{k}>"),
             path: PathBuf::new(),
             time_s: Some(k as f64 / 350.0),
+            first_row_s: None,
             estimate,
             size: None,
             unreadable: None,

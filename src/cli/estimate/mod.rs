@@ -26,10 +26,11 @@ use crate::image::{DEFAULT_MAX_PIXELS, RgbImage};
 use crate::source::pipe::PipeFormat;
 use crate::spin::estimate::MotionModel;
 use crate::vision::estimator::{
-    Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, SequenceSmears, estimate_inputs,
+    Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, SequenceRows, SequenceSmears,
+    estimate_inputs,
 };
 use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
-use output::Report;
+use output::{Evidence, Report};
 use verdict::Judgment;
 
 #[derive(Debug, Args)]
@@ -133,6 +134,16 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     exposure_ms: Option<f64>,
+    /// Rolling shutter: time from the exposure of a picture's first row to that of its last, milliseconds (phones 8 to 33), for whole
+    /// pictures, not crops. Times and orientations are then those at which the ball's center is exposed, and the rows settle how many
+    /// whole turns lie between two frames.
+    #[arg(
+        long,
+        value_name = "MS",
+        conflicts_with_all = ["no_sequence", "follow", "calibrate"],
+        allow_negative_numbers = true
+    )]
+    readout_ms: Option<f64>,
     /// Print one JSON object instead, with every dot, rejection and the spin.
     #[arg(long)]
     json: bool,
@@ -255,7 +266,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let frame = arguments.frame()?;
     let smears = arguments.smears(&estimators[judgment.table()], frame, &batch);
-    let report = Report::new(arguments, frame, &batch, &judgment, smears.as_ref());
+    let named = output::named_frames(&batch);
+    let row_s = config.row_s(&batch.frames);
+    let rows = SequenceRows::new(&estimators[judgment.table()], row_s, &named, frame);
+    let evidence = Evidence {
+        smears: smears.as_ref(),
+        rows: rows.as_ref(),
+    };
+    let report = Report::new(arguments, frame, &batch, &judgment, &evidence);
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.report {
         page::write(path, &estimators[judgment.table()], &batch, &report)?;
@@ -342,9 +360,14 @@ impl Arguments {
             let problem = format!("expected a positive number, found {max_rps}");
             return Err(Error::argument("--max-spin-rps", problem));
         }
-        if let Some(ms) = self.exposure_ms.filter(|ms| !(*ms > 0.0 && ms.is_finite())) {
-            let problem = format!("expected a positive number, found {ms}");
-            return Err(Error::argument("--exposure-ms", problem));
+        for (flag, ms) in [
+            ("--exposure-ms", self.exposure_ms),
+            ("--readout-ms", self.readout_ms),
+        ] {
+            if let Some(ms) = ms.filter(|ms| !(*ms > 0.0 && ms.is_finite())) {
+                let problem = format!("expected a positive number, found {ms}");
+                return Err(Error::argument(flag, problem));
+            }
         }
         let mut config = EstimatorConfig {
             camera: self.source.camera()?,
@@ -383,6 +406,7 @@ impl Arguments {
             roi: self.source.roi()?,
             clock: self.source.clock()?,
             independent: self.no_sequence,
+            readout_s: 1e-3 * self.readout_ms.unwrap_or(0.0),
             mirrored: self.mirrored,
             max_pixels: self.max_pixels,
             ..BatchConfig::default()

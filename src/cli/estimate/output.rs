@@ -14,7 +14,7 @@ use crate::files::csv::shown;
 use crate::geometry::{CameraFrame, to_wxyz};
 use crate::source::video::VideoClock;
 use crate::spin::SpinRejection;
-use crate::spin::alias::AliasConfig;
+use crate::spin::alias::{AliasConfig, SpinEvidence, Together};
 #[cfg(feature = "plot")]
 use crate::spin::estimate::FittedMotion;
 use crate::spin::estimate::SpinEstimate;
@@ -22,10 +22,10 @@ use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::vision::estimator::{
-    Batch, BatchFrame, NamedFrame, OutlineSource, SequenceOutcome, SequenceSmears, TimeSource,
-    orientations, turned_covariance,
+    Batch, BatchFrame, NamedFrame, OutlineSource, SequenceOutcome, SequenceRows, SequenceSmears,
+    TimeSource, orientations, turned_covariance,
 };
-use crate::vision::{FrameEstimate, OffCenter};
+use crate::vision::{FrameEstimate, NamedDetector, OffCenter};
 
 /// Skipped files that are named.
 const MAX_NAMED: usize = 5;
@@ -60,6 +60,22 @@ struct Smeared {
     factor: Option<f64>,
 }
 
+/// What beside the orientations speaks of the spin.
+pub(super) struct Evidence<'a> {
+    pub smears: Option<&'a SequenceSmears>,
+    pub rows: Option<&'a SequenceRows<'a, NamedDetector>>,
+}
+
+impl Evidence<'_> {
+    /// All of it; `None` without any.
+    fn together(&self) -> Option<Together<'_>> {
+        let smears = self.smears.map(|smears| smears as &dyn SpinEvidence);
+        let rows = self.rows.map(|rows| rows as &dyn SpinEvidence);
+        let all: Vec<_> = smears.into_iter().chain(rows).collect();
+        (!all.is_empty()).then_some(Together(all))
+    }
+}
+
 /// The frames of a batch with their names and times.
 pub(super) fn named_frames(batch: &Batch<Picture>) -> Vec<NamedFrame<'_>> {
     let named = batch.frames.iter().map(|frame| NamedFrame {
@@ -76,12 +92,12 @@ fn file_of(frame: CameraFrame, batch: &Batch<Picture>) -> Orientations {
     orientations(&named_frames(batch), frame, is_sequence)
 }
 
-/// The spin, from the very orientations that are written: without smears `spindoe spin` on the file gives the same.
+/// The spin, from the very orientations that are written: without other evidence `spindoe spin` on the file gives the same.
 fn spin(
     arguments: &Arguments,
     batch: &Batch<Picture>,
     orientations: &Orientations,
-    smears: Option<&SequenceSmears>,
+    evidence: &Evidence<'_>,
 ) -> Option<Result<(SpinSummary, Motion), SpinRejection>> {
     if !matches!(batch.sequence, SequenceOutcome::Estimated { .. }) {
         return None;
@@ -97,8 +113,9 @@ fn spin(
     };
     let measurements = orientations.measurements();
     let frames = batch.frames.len();
-    let estimate = match smears {
-        Some(smears) => SpinEstimate::fit_with(&measurements, arguments.motion, &config, smears),
+    let together = evidence.together();
+    let estimate = match &together {
+        Some(all) => SpinEstimate::fit_with(&measurements, arguments.motion, &config, all),
         None => SpinEstimate::fit(&measurements, arguments.motion, &config),
     };
     let found = |estimate| {
@@ -110,8 +127,8 @@ fn spin(
             &listed,
             frames,
         );
-        match smears {
-            Some(smears) => (summary.weighed(smears, &listed), motion),
+        match &together {
+            Some(all) => (summary.weighed(all, &listed), motion),
             None => (summary, motion),
         }
     };
@@ -150,12 +167,12 @@ impl<'a> Report<'a> {
         frame: CameraFrame,
         batch: &'a Batch<Picture>,
         judgment: &'a Judgment,
-        smears: Option<&SequenceSmears>,
+        evidence: &Evidence<'_>,
     ) -> Self {
         let orientations = file_of(frame, batch);
-        let spin = spin(arguments, batch, &orientations, smears);
+        let spin = spin(arguments, batch, &orientations, evidence);
         let found = spin.as_ref().and_then(|spin| spin.as_ref().ok());
-        let smeared = smears.map(|smears| Smeared {
+        let smeared = evidence.smears.map(|smears| Smeared {
             frames: smears.frames(),
             factor: found.and_then(|(summary, _)| smears.exposure_factor(&summary.fit.motion.spin)),
         });
@@ -213,6 +230,9 @@ impl<'a> Report<'a> {
             Some(Ok((summary, motion))) => {
                 json["spin"] = spin_summary::to_json(summary, self.frame);
                 motion.add_to(&mut json["spin"]);
+                if let Some(ms) = self.arguments.readout_ms {
+                    json["spin"]["readout_ms"] = ms.into();
+                }
                 if let Some(ms) = self.arguments.exposure_ms {
                     json["spin"]["smears"] = json!({
                         "exposure_ms": ms,
@@ -433,6 +453,9 @@ impl<'a> Report<'a> {
             Some(Ok((summary, motion))) => {
                 let mut lines = spin_summary::lines(summary, self.frame);
                 lines.extend(motion.lines());
+                lines.extend(self.arguments.readout_ms.map(|ms| {
+                    format!("  rows      {ms} ms of readout: times and poses are those of the ball's center, and the rows weigh the spins")
+                }));
                 lines.extend(self.smear_words());
                 errln!("spin: {}", lines.join("\n"));
             }

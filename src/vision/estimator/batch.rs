@@ -13,9 +13,9 @@ use std::sync::{Mutex, PoisonError};
 use super::propose::MAX_THOROUGH;
 use super::{
     Budget, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, ImageWork, OutlinePrior,
-    Prior, SequenceConfig, SequenceSummary, estimate_spin, second_pass,
+    Prior, SequenceConfig, SequenceSummary, estimate_spin, second_pass, seen_times,
 };
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, require};
 use crate::image::{DEFAULT_MAX_PIXELS, Picture, RgbImage, Roi};
 use crate::pipeline::{Sink, map_ordered_within};
 use crate::source::files::{self, SkippedFiles, Source};
@@ -58,10 +58,40 @@ pub struct BatchConfig {
     pub sequence: SequenceConfig,
     /// Whether frames stay independent of each other.
     pub independent: bool,
+    /// Rolling shutter: time from the exposure of a picture's first row to that of its last, seconds; 0 for a global shutter. A frame's
+    /// time is then that at which the ball is seen.
+    pub readout_s: f64,
     /// Whether left and right are exchanged before anything else.
     pub mirrored: bool,
     /// Maximum number of pixels of a picture.
     pub max_pixels: u64,
+}
+
+impl BatchConfig {
+    /// Time from row to row of the pictures, seconds; 0 for a global shutter.
+    pub fn row_s<K>(&self, frames: &[BatchFrame<K>]) -> f64 {
+        let rows = frames
+            .iter()
+            .filter_map(|f| f.size)
+            .map(|[_, rows]| rows)
+            .max();
+        self.readout_s / rows.map_or(1, |rows| rows.max(2) - 1) as f64
+    }
+
+    /// Rejects a readout that is longer than the frames are apart.
+    fn check_readout(&self, times_s: &[f64]) -> Result<()> {
+        if let [first, .., last] = times_s {
+            let apart_s = (last - first) / (times_s.len() - 1) as f64;
+            let expected = format!("at most {apart_s:.6}, the mean time between two frames");
+            require(
+                self.readout_s <= apart_s,
+                "readout_s",
+                &expected,
+                self.readout_s,
+            )?;
+        }
+        Ok(())
+    }
 }
 
 impl Default for BatchConfig {
@@ -74,6 +104,7 @@ impl Default for BatchConfig {
             clock: FrameClock::default(),
             sequence: SequenceConfig::default(),
             independent: false,
+            readout_s: 0.0,
             mirrored: false,
             max_pixels: DEFAULT_MAX_PIXELS,
         }
@@ -169,8 +200,10 @@ pub struct BatchFrame<K> {
     pub name: String,
     /// The file.
     pub path: PathBuf,
-    /// Seconds, where a time is known.
+    /// Seconds, where a time is known: of a rolling shutter that at which the ball is seen.
     pub time_s: Option<f64>,
+    /// That of the picture's first row, where it is another one.
+    pub first_row_s: Option<f64>,
     /// What was estimated.
     pub estimate: FrameEstimate,
     /// Columns and rows of its picture; none where the file cannot be read.
@@ -376,6 +409,7 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
             name: frame.name,
             path: frame.path,
             time_s: frame.time_s,
+            first_row_s: None,
             estimate: FrameEstimate::default(),
             size: None,
             unreadable: None,
@@ -428,7 +462,8 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
         sources: &[(Source, usize)],
         frames: &mut [BatchFrame<O::Kept>],
     ) -> Result<SequenceOutcome> {
-        let times: Option<Vec<f64>> = frames.iter().map(|f| f.time_s).collect();
+        let times = frames.iter().map(|f| f.first_row_s.or(f.time_s));
+        let times: Option<Vec<f64>> = times.collect();
         let Some(times) = times.filter(|t| t.len() > 1) else {
             return Ok(SequenceOutcome::NoTimes);
         };
@@ -437,7 +472,11 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
         }
         let estimates = frames.iter_mut().map(|f| std::mem::take(&mut f.estimate));
         let mut estimates: Vec<FrameEstimate> = estimates.collect();
-        let config = &self.config.sequence;
+        self.config.check_readout(&times)?;
+        let config = &SequenceConfig {
+            row_s: self.config.row_s(frames),
+            ..self.config.sequence
+        };
         let passed = match self.config.independent {
             true => Ok(SequenceSummary::default()),
             false => second_pass(
@@ -448,9 +487,15 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
                 |wanted, work| self.on_pictures(sources, wanted, work, frames),
             ),
         };
-        let spin = estimate_spin(config, &times, &estimates);
+        let seen_s = seen_times(config.row_s, &times, &estimates);
+        let spin = estimate_spin(config, &seen_s, &estimates);
         for (frame, estimate) in frames.iter_mut().zip(estimates) {
             frame.estimate = estimate;
+        }
+        if config.row_s > 0.0 {
+            for (frame, (first_row_s, seen_s)) in frames.iter_mut().zip(times.iter().zip(seen_s)) {
+                (frame.first_row_s, frame.time_s) = (Some(*first_row_s), Some(seen_s));
+            }
         }
         Ok(SequenceOutcome::Estimated {
             summary: passed?,

@@ -51,6 +51,7 @@ mod prior;
 mod propose;
 mod recenter;
 mod refine;
+mod rolling;
 mod search;
 mod sequence;
 mod sequence_view;
@@ -69,6 +70,7 @@ use frame::Standing;
 pub use frame::{FrameEstimate, FrameRejection, Hypothesis, Pose, Timings};
 pub use orientations::{NamedFrame, orientations, turned_covariance};
 pub use prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
+pub use rolling::{SequenceRows, seen_times};
 pub use sequence::{
     FrameInDoubt, ImageResults, ImageWork, SequenceConfig, SequenceSummary, estimate_passes,
     estimate_sequence, estimate_spin, frames_in_doubt, held_images, second_pass,

@@ -251,13 +251,7 @@ impl Refiner {
         matches: &mut Vec<Match>,
     ) -> Option<Refined> {
         matches.clear();
-        let named = frame.assignment.iter().enumerate();
-        matches.extend(named.filter_map(|(detection, name)| {
-            Some(Match {
-                detection,
-                name: (*name)?,
-            })
-        }));
+        matches.extend(named(frame));
         let (mut state, prior) = self.fit_sides(names, prior, rotation, frame, matches)?;
         if self.rename(names, &state, frame, matches) {
             state = self.fit(names, &prior, &state.rotation, frame, matches)?;
@@ -293,6 +287,28 @@ impl Refiner {
             residual_rad: (angles / count).sqrt(),
             residual_px: (distances / count).sqrt(),
         })
+    }
+
+    /// Minus two log-likelihoods of a frame's dots under the pose that fits them best, where a dot without a name is as likely as one
+    /// that just takes its name up; a constant is left out.
+    pub fn misfit(
+        &self,
+        names: &[Vec3],
+        prior: &Prior,
+        rotation: &Rotation,
+        frame: &FrameEstimate,
+    ) -> f64 {
+        let mut matches: Vec<Match> = named(frame).collect();
+        let Some(mut state) = self.fit(names, prior, rotation, frame, &matches) else {
+            return 0.0;
+        };
+        if self.rename(names, &state, frame, &mut matches)
+            && let Some(again) = self.fit(names, prior, &state.rotation, frame, &matches)
+        {
+            state = again;
+        }
+        let unnamed = (DEGREES + 2.0) * (1.0 + TAKEN_UP * TAKEN_UP / DEGREES).ln();
+        state.cost - unnamed * matches.len() as f64
     }
 
     /// Without intrinsics an ellipse is that of a ball to either side of the camera's axis: the dots decide. Also the prior of
@@ -446,6 +462,17 @@ impl Refiner {
         }
         changed
     }
+}
+
+/// The detections that have a name.
+fn named(frame: &FrameEstimate) -> impl Iterator<Item = Match> {
+    let named = frame.assignment.iter().enumerate();
+    named.filter_map(|(detection, name)| {
+        Some(Match {
+            detection,
+            name: (*name)?,
+        })
+    })
 }
 
 /// What the residuals say of the placement's variance `t`, by the restricted likelihood's fixed point

@@ -16,6 +16,7 @@ use nalgebra::Matrix3;
 
 use super::orientations::{NamedFrame, orientations};
 use super::path::{MAX_SCATTER, NEIGHBORS, expected_outline, off};
+use super::rolling::{correct_rows, seen_times};
 use super::search::is_evident;
 use super::{
     Budget, DISAGREEMENT, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection,
@@ -49,10 +50,13 @@ pub struct SequenceConfig {
     pub wrong: f64,
     /// Minimum probability of frames that predict others.
     pub trusted: f64,
+    /// Time from row to row of a rolling shutter, the upper first, seconds; 0 for a global one. The times of the frames are then those of
+    /// their first rows, and poses those of the times at which the ball is seen: [`seen_times`](super::seen_times).
+    pub row_s: f64,
 }
 
 impl Default for SequenceConfig {
-    /// Ten neighbors, 5 deg, one hint in ten wrong, frames of 0.8.
+    /// Ten neighbors, 5 deg, one hint in ten wrong, frames of 0.8, a global shutter.
     fn default() -> Self {
         Self {
             spin: SpinConfig::default(),
@@ -60,6 +64,7 @@ impl Default for SequenceConfig {
             hint_sigma_rad: 5f64.to_radians(),
             wrong: 0.1,
             trusted: 0.8,
+            row_s: 0.0,
         }
     }
 }
@@ -262,7 +267,7 @@ pub fn estimate_passes<D: DotDetector, E>(
     Ok((frames, summary))
 }
 
-/// The second pass over frames that were each estimated alone. `times_s` and `on_images` are those of [`estimate_passes`].
+/// The second pass over frames that were each estimated alone, and what a rolling shutter does to their poses. `times_s` and `on_images` are those of [`estimate_passes`].
 ///
 /// # Errors
 /// Those of `on_images`; then the frames are as far as it has come.
@@ -277,7 +282,8 @@ pub fn second_pass<D: DotDetector, E>(
     let alone = answered(frames);
     let mut tried: Vec<Option<FrameInDoubt>> = vec![None; frames.len()];
     loop {
-        let mut doubts = frames_in_doubt(config, times_s, frames);
+        let seen_s = seen_times(config.row_s, times_s, frames);
+        let mut doubts = frames_in_doubt(config, &seen_s, frames);
         doubts.retain(|d| tried[d.frame].is_none_or(|t| d.learns(&t)));
         if doubts.is_empty() {
             break;
@@ -295,6 +301,8 @@ pub fn second_pass<D: DotDetector, E>(
             frames[k] = settled;
         }
     }
+    let seen_s = seen_times(config.row_s, times_s, frames);
+    correct_rows(estimator, config, &seen_s, frames);
     Ok(SequenceSummary {
         alone,
         together: answered(frames),

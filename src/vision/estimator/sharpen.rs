@@ -22,7 +22,7 @@ const REACH: f64 = 1.25;
 const MOVED: f64 = 4.0;
 /// Standard deviations of what the limb's shading and the camera's tone curve do to center and radius of an outline that was found,
 /// pixels: 0.13 and 0.26 with balls of 60 pixels (`bench limit`).
-const OUTLINE_PX: [f64; 3] = [0.1, 0.1, 0.2];
+pub(super) const OUTLINE_PX: [f64; 3] = [0.1, 0.1, 0.2];
 /// Standard deviation of the radius of an outline that may be an ellipse, radii: off the axis by 5 degrees, the half axes differ
 /// by 0.4 %.
 const OVAL: f64 = 0.002;

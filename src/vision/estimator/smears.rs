@@ -79,7 +79,7 @@ impl SequenceSmears {
             estimator.smear(frames[k].estimate, shift)
         };
         let smears: Vec<Smear> = (0..frames.len()).filter_map(smear).collect();
-        let weight = (INDEPENDENT / smears.len() as f64).min(1.0);
+        let weight = independent(smears.len());
         (!smears.is_empty()).then(|| Self {
             smears,
             exposure_s,
@@ -120,9 +120,14 @@ impl SpinEvidence for SequenceSmears {
     }
 }
 
+/// What each of so many frames of one clip counts for.
+pub(super) fn independent(frames: usize) -> f64 {
+    (INDEPENDENT / frames as f64).min(1.0)
+}
+
 /// How fast the ball moves in the image at a frame, pixels a second, by the frames next to it; 0 where those have no outline or no
 /// time.
-fn velocity(frames: &[NamedFrame<'_>], k: usize) -> Vector2<f64> {
+pub(super) fn velocity(frames: &[NamedFrame<'_>], k: usize) -> Vector2<f64> {
     let seen = |k: usize| {
         let frame = frames.get(k)?;
         Some((frame.time_s?, frame.estimate.circle?.center))

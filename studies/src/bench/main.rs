@@ -22,6 +22,7 @@ mod rebuild;
 mod recognizer;
 mod residuals;
 mod robustness;
+mod rolling;
 mod sequences;
 mod smear;
 mod smear_clips;
@@ -70,6 +71,8 @@ enum Command {
     Smear(smear::Args),
     /// Do smears settle how many turns lie between two frames?
     SmearClips(smear_clips::Args),
+    /// What a rolling shutter costs, and what its correction gains.
+    Rolling(rolling::Args),
     /// How often images that show no ball are answered.
     Noise(noise::Args),
     /// How often a flipped camera is told apart.
@@ -135,6 +138,7 @@ fn main() -> Outcome {
         Command::Limit(args) => args.run(),
         Command::Smear(args) => args.run(),
         Command::SmearClips(args) => args.run(),
+        Command::Rolling(args) => args.run(),
         Command::Noise(args) => args.run(),
         Command::Mirror(args) => args.run(),
         Command::Sequences(args) => args.run(),

@@ -145,3 +145,46 @@ fn an_exposure_settles_the_alias() {
         assert_eq!(estimate(flags).status.code(), Some(2), "{flags}");
     }
 }
+
+#[test]
+fn a_readout_gives_times_poses_and_the_alias() {
+    let dir = tempfile::tempdir().unwrap();
+    let clip = "synth dots20 -o clip --preset good --frames 10 --seed 5 --fps 60 --rps 40 --exposure-ms 0.1 --readout-ms 15 \
+                --image-size 120x480 --ball-px 60";
+    crate::common::done(dir.path(), &clip.split_whitespace().collect::<Vec<_>>());
+    let estimate = |flags: &str| {
+        let command = format!("estimate --table dots20 clip --fps 60 --json {flags}");
+        spindoe(dir.path(), &command.trim().split(' ').collect::<Vec<_>>())
+    };
+    let of = |flags: &str| -> Value { serde_json::from_slice(&estimate(flags).stdout).unwrap() };
+    let rps = |json: &Value| json["spin"]["rps"].as_f64().unwrap();
+    let (ignored, corrected) = (of(""), of("--readout-ms 15"));
+    assert!((rps(&ignored) - 20.0).abs() < 0.5, "{}", ignored["spin"]);
+    assert!(
+        (rps(&corrected) - 40.0).abs() < 0.1,
+        "{}",
+        corrected["spin"]
+    );
+    assert_eq!(corrected["spin"]["readout_ms"], 15.0);
+    // A frame's time is that of the row of the ball's center, as the truth has it; its name that of the first row.
+    let truth = std::fs::read_to_string(dir.path().join("clip/orientations.csv")).unwrap();
+    let frames = corrected["frames"].as_array().unwrap();
+    for (row, frame) in truth.lines().skip(1).zip(frames) {
+        let expected: f64 = row.split(',').nth(1).unwrap().parse().unwrap();
+        let time_s = frame["time_s"].as_f64().unwrap();
+        // A pixel of the center is 31 us.
+        assert!((expected - 1000.0 - time_s).abs() < 3e-5, "{row}");
+    }
+    for (flags, words) in [
+        ("--readout-ms 0", "--readout-ms: expected a positive number"),
+        ("--readout-ms nan", "--readout-ms: expected"),
+        ("--readout-ms 20", "--readout-ms: expected at most 0.016667"),
+        ("--readout-ms 1 --no-sequence", "--no-sequence"),
+        ("--readout-ms 1 --calibrate", "--calibrate"),
+    ] {
+        let refused = estimate(flags);
+        let said = String::from_utf8(refused.stderr).unwrap();
+        assert_eq!(refused.status.code(), Some(2), "{flags}");
+        assert!(said.contains(words), "{flags}: {said}");
+    }
+}

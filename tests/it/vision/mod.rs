@@ -13,6 +13,7 @@ mod noise;
 mod off_axis;
 mod outline;
 mod pipe;
+mod rolling;
 mod sequence;
 mod smear;
 mod tracker;
