@@ -1,0 +1,179 @@
+//! Where one more dot would help most.
+//!
+//! Every place is tried on the same views: those of a ball without the dot that were not right, with the dot shown
+//! besides ([`TrialGenerator::show_one_more`](crate::view::TrialGenerator::show_one_more)). The few places that mend
+//! most are compared on all views of another seed, and the best one's gain is measured on those of a third, with
+//! Newcombe's interval for the paired difference.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Answer, CHOICE, DotSetConfig, GAIN};
+use crate::concurrency;
+use crate::error::Result;
+use crate::geometry::{Vec3, angle_between, spiral_directions};
+use crate::pattern::{MAX_DOTS, Pattern};
+use crate::recognize::Recognizer;
+use crate::recognize::robust::RobustRecognizer;
+use crate::stats::{PairedDifference, Pairs, Proportion};
+use crate::validate::Trials;
+use crate::view::{Trial, ViewModel};
+
+/// Places on the ball, some 14 degrees apart.
+const PLACES: usize = 200;
+/// Failed views on which the places are ranked, at most.
+const RANKED_ON: usize = 60;
+/// Places that are compared on all views.
+const COMPARED: usize = 4;
+/// Trials for one task.
+const CHUNK: usize = 16;
+
+/// The best place for one more dot, and what it gains.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NextDot {
+    /// Its direction, pattern frame.
+    pub direction: [f64; 3],
+    /// Places that were tried.
+    pub places: usize,
+    /// Seed of the trials that measure the gain.
+    pub seed: u64,
+    /// Right views without it.
+    pub before: Proportion,
+    /// Right views with it.
+    pub after: Proportion,
+    /// The difference, on the same views.
+    pub gain: PairedDifference,
+}
+
+impl NextDot {
+    /// Whether it helps beyond chance.
+    pub fn helps(&self) -> bool {
+        self.gain.low > 0.0
+    }
+}
+
+/// A pattern with one more dot.
+struct Extended<'a> {
+    base: &'a Pattern,
+    dot: Vec3,
+    pattern: Pattern,
+    recognizer: RobustRecognizer,
+    view: ViewModel,
+}
+
+impl<'a> Extended<'a> {
+    fn new(base: &'a Pattern, dot: Vec3, view: ViewModel) -> Result<Self> {
+        let dots = base.dots().iter().copied().chain([dot]);
+        let pattern = Pattern::new(dots.collect())?;
+        Ok(Self {
+            recognizer: RobustRecognizer::new(&pattern, view.into())?,
+            base,
+            dot,
+            pattern,
+            view,
+        })
+    }
+
+    /// The answers to these trials of the pattern without the dot, with the dot shown besides.
+    fn answers(&self, seed: u64, indices: &[u64]) -> Vec<Answer> {
+        let without = Trials::first(self.base, self.view, seed, 0);
+        let with = Trials::first(&self.pattern, self.view, seed, 0);
+        let chunks = 0..indices.len().div_ceil(CHUNK) as u64;
+        let found = concurrency::map_range(chunks, |chunk| {
+            let mut generator = without.generator();
+            let mut trial = Trial::default();
+            let mut workspace = self.recognizer.workspace();
+            let chunk = indices
+                .chunks(CHUNK)
+                .nth(chunk as usize)
+                .unwrap_or_default();
+            let judged = chunk.iter().map(|&index| {
+                generator.generate(index, &mut trial);
+                generator.show_one_more(&self.dot, index, &mut trial);
+                Answer::of(&with.judge(&trial, &self.recognizer, &mut workspace))
+            });
+            judged.collect::<Vec<_>>()
+        });
+        found.into_iter().flatten().collect()
+    }
+
+    /// How many of these are right.
+    fn right(&self, seed: u64, indices: &[u64]) -> usize {
+        let answers = self.answers(seed, indices);
+        answers.iter().filter(|a| **a == Answer::Right).count()
+    }
+}
+
+/// The best place for one more dot by the trials that `failed`; none where there is no room or none failed.
+pub(super) fn next_dot(
+    trials: &Trials<'_>,
+    failed: &[u64],
+    config: &DotSetConfig,
+) -> Result<Option<NextDot>> {
+    let base = trials.pattern;
+    let view = trials.view;
+    let places = places(base, config);
+    if failed.is_empty() || places.is_empty() || base.len() == MAX_DOTS {
+        return Ok(None);
+    }
+    let ranked_on = &failed[..failed.len().min(RANKED_ON)];
+    let mut ranked = Vec::with_capacity(places.len());
+    for dot in &places {
+        let extended = Extended::new(base, *dot, view)?;
+        ranked.push((extended.right(trials.seed, ranked_on), extended));
+    }
+    // A stable sort: of equals the first place stays before the others.
+    ranked.sort_by_key(|(right, _)| std::cmp::Reverse(*right));
+    ranked.truncate(COMPARED);
+    let chosen: Vec<u64> = (0..config.samples).collect();
+    let best = ranked
+        .into_iter()
+        .map(|(_, extended)| (extended.right(config.seed ^ CHOICE, &chosen), extended))
+        .reduce(|a, b| if b.0 > a.0 { b } else { a });
+    let Some((_, best)) = best else {
+        return Ok(None);
+    };
+    gain(&best, config, places.len()).map(Some)
+}
+
+/// The directions that leave room for a dot.
+fn places(base: &Pattern, config: &DotSetConfig) -> Vec<Vec3> {
+    let DotSetConfig {
+        constraints,
+        avoided,
+        ..
+    } = config;
+    let apart = |v: &Vec3| {
+        let mut all = avoided.iter();
+        all.all(|a| angle_between(a, v) >= constraints.min_separation_rad)
+    };
+    spiral_directions(PLACES)
+        .filter(|v| constraints.has_room(base.dots(), v) && apart(v))
+        .collect()
+}
+
+/// What a place gains, on trials that did not choose it.
+fn gain(best: &Extended<'_>, config: &DotSetConfig, places: usize) -> Result<NextDot> {
+    let seed = config.seed ^ GAIN;
+    let samples = 2 * config.samples;
+    let trials = Trials::first(best.base, best.view, seed, samples);
+    let recognizer = RobustRecognizer::new(best.base, best.view.into())?;
+    let before = super::each_answer(&trials, &recognizer)?;
+    let after = best.answers(seed, &(0..samples).collect::<Vec<_>>());
+    let mut pairs = Pairs::default();
+    for (before, after) in before.iter().zip(&after) {
+        match (*after == Answer::Right, *before == Answer::Right) {
+            (true, true) => pairs.both += 1,
+            (true, false) => pairs.gained += 1,
+            (false, true) => pairs.lost += 1,
+            (false, false) => pairs.neither += 1,
+        }
+    }
+    Ok(NextDot {
+        direction: best.dot.into(),
+        places,
+        seed,
+        before: Proportion::new(pairs.both + pairs.lost, samples),
+        after: Proportion::new(pairs.both + pairs.gained, samples),
+        gain: PairedDifference::new(pairs),
+    })
+}
