@@ -433,33 +433,10 @@ impl CalibrationEvaluation {
         #[cfg(feature = "plot")]
         {
             self.report.draw(&dir.join("offsets.png"))?;
-            self.draw_dots(&dir.join("dots.png"))?;
+            super::dot_set::draw(&dir.join("dots.png"), &self.ball, &self.report)?;
         }
         super::folder::write_report(&dir.join(super::REPORT), &self.report)?;
         CalibrationPage::read(dir)?.write(dir)
-    }
-}
-
-#[cfg(feature = "plot")]
-impl CalibrationEvaluation {
-    /// The ball from both sides, with a ring where one more dot helps.
-    fn draw_dots(&self, path: &Path) -> Result<()> {
-        use crate::plot::{BallDrawing, pattern_views};
-        let mut pattern = self.ball.pattern().clone();
-        let dot_set = self.report.dot_set.as_ref();
-        let add = dot_set.and_then(|d| d.add.as_ref());
-        if let Some(place) = add {
-            let dots = pattern.dots().iter().copied();
-            pattern = Pattern::new(dots.chain([place.direction.into()]).collect())?;
-        }
-        let [ball_diameter_mm, dot_diameter_mm] = self.ball.sizes_mm(None, None);
-        let view = BallDrawing {
-            title: "The dots of pattern.csv".to_owned(),
-            ball_diameter_mm,
-            dot_diameter_mm,
-            to_draw: usize::from(add.is_some()),
-        };
-        pattern_views(path, &pattern, &view)
     }
 }
 

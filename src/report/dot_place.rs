@@ -47,6 +47,20 @@ impl DotPlace {
     }
 }
 
+impl DotPlace {
+    /// The places of the dots that come to the first ones, those `drawn`; none where nothing is drawn.
+    pub(super) fn added(dots: &[Vec3], drawn: usize, ball_diameter_mm: f64) -> Vec<Self> {
+        let (drawn, added) = dots.split_at(drawn.min(dots.len()));
+        match drawn {
+            [] => Vec::new(),
+            _ => (drawn.len()..)
+                .zip(added)
+                .map(|(number, dot)| Self::new(number, dot, drawn, ball_diameter_mm))
+                .collect(),
+        }
+    }
+}
+
 impl std::fmt::Display for DotPlace {
     /// As in "dot 20: 14.2 mm from dot 3, 15.1 mm from dot 7, 16.0 mm from dot 12".
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {

@@ -1,8 +1,13 @@
 //! What a calibration says of the ball's set of dots: is it good, and where would one more dot help?
 
+#[cfg(feature = "plot")]
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 
 use super::DotPlace;
+#[cfg(feature = "plot")]
+use crate::ball::Ball;
 use crate::ball::USUAL_BALL_MM;
 use crate::calibrate::{Calibration, DotState};
 use crate::design::dot_set::{Answers, DotSet, DotSetConfig, answers};
@@ -12,6 +17,8 @@ use crate::geometry::Vec3;
 use crate::pattern::Pattern;
 use crate::recognize::MIN_CONFIDENCE_IMAGES;
 use crate::report::calibration::CalibrationEvaluationConfig;
+#[cfg(feature = "plot")]
+use crate::report::calibration::CalibrationReport;
 use crate::stats::median;
 use crate::view::{Detection, FalseDots, Noise, ProtocolName, ViewModel};
 use crate::vision::{EstimatorConfig, FrameEstimate};
@@ -200,4 +207,21 @@ fn clip_view(calibration: &Calibration) -> Option<ViewModel> {
         mirrored_share: 0.0,
         ..usual
     })
+}
+
+/// Draws the ball from both sides, with a ring where one more dot helps.
+#[cfg(feature = "plot")]
+pub(super) fn draw(path: &Path, ball: &Ball, report: &CalibrationReport) -> Result<()> {
+    use crate::plot::{BallDrawing, pattern_views};
+    let add = report.dot_set.as_ref().and_then(|set| set.add.as_ref());
+    let added = add.map(|place| Vec3::from(place.direction));
+    let dots = ball.pattern().dots().iter().copied();
+    let [ball_diameter_mm, dot_diameter_mm] = ball.sizes_mm(None, None);
+    let view = BallDrawing {
+        title: "The dots of pattern.csv".to_owned(),
+        ball_diameter_mm,
+        dot_diameter_mm,
+        to_draw: usize::from(added.is_some()),
+    };
+    pattern_views(path, &Pattern::new(dots.chain(added).collect())?, &view)
 }

@@ -37,7 +37,6 @@ use crate::design::{
 };
 use crate::error::{Error, Result};
 use crate::files::{self, FolderLock, Replacement};
-use crate::geometry::Vec3;
 use crate::stencil::{Stencil, StencilConfig};
 
 /// The search's checkpoint within the folder.
@@ -275,7 +274,9 @@ impl DesignJob {
             observer.step(what);
         })?;
         let mut found = found.with_design(self.record(camera.as_ref()))?;
-        found.report.added = self.added(found.ball.pattern().dots());
+        let ball_mm = self.stencil.ball_diameter_mm;
+        let drawn = self.config.constraints.drawn;
+        found.report.added = DotPlace::added(found.ball.pattern().dots(), drawn, ball_mm);
         found.report.command = command;
         found.report.camera = camera;
         found.report.timing.search_s = search_s;
@@ -308,19 +309,6 @@ impl DesignJob {
         }
         observer.step("making the stencil");
         found.write_stencil(dir, &self.stencil)
-    }
-
-    /// Where the dots that come to drawn ones are to be drawn.
-    fn added(&self, dots: &[Vec3]) -> Vec<DotPlace> {
-        let drawn = match self.config.constraints.drawn {
-            0 => return Vec::new(),
-            drawn => &dots[..drawn.min(dots.len())],
-        };
-        let ball_mm = self.stencil.ball_diameter_mm;
-        let numbered = dots.iter().enumerate().skip(drawn.len());
-        numbered
-            .map(|(number, dot)| DotPlace::new(number, dot, drawn, ball_mm))
-            .collect()
     }
 
     /// What the pattern is designed for.
