@@ -21,12 +21,11 @@ use crate::report::calibration::CalibrationEvaluationConfig;
 use crate::report::calibration::CalibrationReport;
 use crate::stats::median;
 use crate::view::{Detection, FalseDots, Noise, ProtocolName, ViewModel};
+use crate::vision::detect::LIKELY_DOT;
 use crate::vision::{EstimatorConfig, FrameEstimate};
 
 /// Distinguishes the trials from those of the protocols.
 const DOT_SET: u64 = 0xd075_e700 << 32;
-/// Detections that count as dots.
-const LIKELY: f64 = 0.5;
 
 /// How good the ball's dots are; their numbers are those of the calibrated pattern.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -191,7 +190,9 @@ fn clip_view(calibration: &Calibration) -> Option<ViewModel> {
     let unnamed = |frame: &&FrameEstimate| {
         let detections = frame.dots.iter().zip(&frame.assignment);
         let unnamed = detections.filter(|(_, name)| name.is_none());
-        unnamed.filter(|(dot, _)| dot.probability >= LIKELY).count()
+        unnamed
+            .filter(|(dot, _)| dot.probability >= LIKELY_DOT)
+            .count()
     };
     let false_dots: usize = frames.iter().map(unnamed).sum();
     Some(ViewModel {
@@ -218,7 +219,10 @@ pub(super) fn draw(path: &Path, ball: &Ball, report: &CalibrationReport) -> Resu
     let dots = ball.pattern().dots().iter().copied();
     let [ball_diameter_mm, dot_diameter_mm] = ball.sizes_mm(None, None);
     let view = BallDrawing {
-        title: "The dots of pattern.csv".to_owned(),
+        title: match add {
+            Some(_) => "The dots of pattern.csv, and where one more helps most".to_owned(),
+            None => "The dots of pattern.csv".to_owned(),
+        },
         ball_diameter_mm,
         dot_diameter_mm,
         to_draw: usize::from(added.is_some()),

@@ -36,7 +36,8 @@ pub use next_dot::NextDot;
 const SIDE_RAD: f64 = 40.0 * std::f64::consts::PI / 180.0;
 /// Sides that are compared.
 const SIDES: usize = 60;
-/// A side is weak where views are not right this many times as often as over all, beyond chance.
+/// A side is weak where views are not right this many times as often as over all, beyond chance: 17 of the same 60 random
+/// patterns have such a side, most of them of 8 and 12 dots.
 const WEAK: f64 = 1.5;
 /// Distinguishes the trials that choose the next dot, and those that say what it gains.
 const CHOICE: u64 = 0xd075_0001 << 32;
@@ -175,7 +176,10 @@ impl DotSet {
             answers: Answers::of(&all),
             lookalikes: lookalikes::lookalikes(&trials, &recognizer, &failed),
             weak_side: weak_side(&trials, &all),
-            next_dot: next_dot::next_dot(&trials, &failed, config)?,
+            next_dot: match failed.is_empty() {
+                true => None,
+                false => next_dot::next_dot(pattern, config)?,
+            },
         })
     }
 }

@@ -138,8 +138,8 @@ fn what_cannot_be_added_is_refused() {
             "seam_margin_rad",
         ),
         (
-            refused(12, |r| r.min_separation_rad = Some(0.9)),
-            "12 more dots at least 51.6 degrees from all others do not fit",
+            refused(24, |r| r.min_separation_rad = Some(0.9)),
+            "24 more dots at least 51.6 degrees from all others do not fit",
         ),
         (
             refused(2, |r| {

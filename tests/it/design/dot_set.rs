@@ -4,7 +4,6 @@ use spindoe::design::Constraints;
 use spindoe::design::dot_set::{DotSet, DotSetConfig};
 use spindoe::geometry::{Vec3, random_direction};
 use spindoe::pattern::{Pattern, shipped_designs};
-use spindoe::stats::Proportion;
 use spindoe::view::{Detection, ProtocolName, Trial, TrialGenerator, ViewModel};
 
 use rand::SeedableRng;
@@ -91,8 +90,8 @@ fn one_more_dot_changes_nothing_else_of_a_trial() {
     let more = Vec3::new(0.6, 0.0, 0.8);
     let mut generator = TrialGenerator::new(pattern.dots(), view, 5);
     let (mut trial, mut with) = (Trial::default(), Trial::default());
-    let mut shown = 0;
-    let count = 4000;
+    let mut shown = 0u64;
+    let count = 20_000;
     for index in 0..count {
         generator.generate(index, &mut trial);
         generator.generate(index, &mut with);
@@ -107,6 +106,7 @@ fn one_more_dot_changes_nothing_else_of_a_trial() {
         }
     }
     // Visible with (1 - 0.15) / 2, detected with 0.7.
-    let found = Proportion::new(shown, count);
-    assert!(found.low < 0.2975 && 0.2975 < found.high, "{found}");
+    let (found, expected) = (shown as f64 / count as f64, 0.425 * 0.7);
+    let sigma = (expected * (1.0 - expected) / count as f64).sqrt();
+    assert!((found - expected).abs() < 4.0 * sigma, "{found} {expected}");
 }
