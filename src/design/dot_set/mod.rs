@@ -9,7 +9,7 @@
 //!   takes dots `i` for dots `j`. Pairs that keep returning belong to one turn of the pattern onto itself.
 //! - [`DotSet::weak_side`]: the cap of viewing directions with the lowest share of right views. Half of the trials
 //!   choose it, the other half give its rate.
-//! - [`DotSet::next_dot`]: see [`next_dot`].
+//! - [`DotSet::next_dot`]: the best place for one more dot, see [`NextDot`].
 //!
 //! Guaranteed: the same arguments give the same result on any number of threads. Not guaranteed: that no better place
 //! lies between those that are tried, some 14 degrees apart.

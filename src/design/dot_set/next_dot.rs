@@ -30,7 +30,8 @@ const OBJECTIVES: [ObjectiveName; 2] = [ObjectiveName::Confusion, ObjectiveName:
 /// Trials for one task.
 const CHUNK: usize = 16;
 
-/// The best place for one more dot, and what it gains.
+/// The best place for one more dot, and what it gains: places are ranked by objectives, the best compared on trials, and the
+/// gain of the winner measured on trials of another seed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NextDot {
     /// Its direction, pattern frame.
