@@ -203,7 +203,10 @@ fn clip_view(calibration: &Calibration) -> Option<ViewModel> {
         detection: Detection::Each {
             probability: calibration.detection_rate.clamp(0.05, 1.0),
         },
-        false_dots: FalseDots::Poisson(false_dots as f64 / frames.len() as f64),
+        false_dots: match false_dots {
+            0 => FalseDots::Usual(0),
+            count => FalseDots::Poisson(count as f64 / frames.len() as f64),
+        },
         foreign_share: 0.0,
         mirrored_share: 0.0,
         ..usual

@@ -1,5 +1,6 @@
 //! The arguments of `spindoe design`, and the command that repeats a design.
 
+use std::num::NonZero;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -51,14 +52,8 @@ pub struct Arguments {
     pub(super) pattern: Option<PathBuf>,
     /// Add so many dots to those of PATTERN, a ball that is drawn already (the folder of its calibration): its dots stay
     /// exactly where they are. Rates are then of right orientations, of all views.
-    #[arg(
-        long,
-        value_name = "K",
-        requires = "pattern",
-        default_value_t = 0,
-        hide_default_value = true
-    )]
-    pub(super) add: usize,
+    #[arg(long, value_name = "K", requires = "pattern")]
+    pub(super) add: Option<NonZero<usize>>,
     /// Number of dots, 4 to 64 [default: 20; with --camera the best of a few numbers].
     #[arg(long, value_name = "N")]
     pub(super) dots: Option<usize>,
@@ -116,7 +111,7 @@ pub struct Arguments {
     /// fifth of it for each point of the sensitivity sweeps.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().samples)]
     samples: u64,
-    /// The views to optimize for.
+    /// The views to optimize for; with --add clutter, where nothing else is asked for.
     #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Sparse, default_value_if("add", ArgPredicate::IsPresent, "clutter"))]
     protocol: ProtocolName,
     /// Minimum angle between two dots, degrees; by default the separation that the stencil's holes
@@ -197,11 +192,16 @@ pub struct Arguments {
 const MIN_DOT_PX: f64 = 3.75;
 
 impl Arguments {
+    /// Dots to add to those of the pattern.
+    fn added(&self) -> usize {
+        self.add.map_or(0, NonZero::get)
+    }
+
     /// What these arguments ask for, without the pattern.
     fn request(&self) -> DesignRequest {
         DesignRequest {
             pattern: None,
-            add: self.add,
+            add: self.added(),
             dots: self.dots,
             seed: self.seed,
             starts: self.starts,
@@ -315,8 +315,8 @@ impl Arguments {
         match &self.pattern {
             Some(path) => {
                 add(quoted(&path.to_string_lossy()));
-                if self.add > 0 {
-                    add(format!("--add {}", self.add));
+                if let Some(count) = self.add {
+                    add(format!("--add {count}"));
                 }
             }
             None => add(format!("--dots {}", config.dots)),
@@ -373,7 +373,7 @@ impl Arguments {
         let separation_deg = self
             .min_separation_deg
             .unwrap_or_else(|| self.request().usual_separation_deg());
-        let usual = match self.add {
+        let usual = match self.added() {
             0 => DesignRequest::usual_seam_margin_deg(config.dots),
             _ => 0.0,
         };

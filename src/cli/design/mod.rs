@@ -101,7 +101,7 @@ fn print_next(arguments: &Arguments, job: &DesignJob, found: &DesignEvaluation) 
     if is_free && report.pattern.dots.len() <= FEW_DOTS {
         errln!("{MORE_DOTS}");
     }
-    if arguments.add > 0 {
+    if arguments.add.is_some() {
         errln!(
             "Next: draw the rings of {dir}/added.png, film the ball, and measure it by \
              `spindoe calibrate --table {dir}/table.npz CLIP`."
