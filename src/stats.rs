@@ -93,7 +93,7 @@ impl std::fmt::Display for Proportion {
 }
 
 /// A difference of two rates over the same trials, with its 95 % interval.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PairedDifference {
     /// Trials evaluated for both.
     pub trials: u64,

@@ -141,7 +141,9 @@ class Design:
     """The folder for pattern, table, stencil and report."""
     _: KW_ONLY
     pattern: Tabled | None = None
-    """A pattern to improve instead of starting at random."""
+    """A pattern to improve instead of starting at random; with `add`, the dots that are on the ball already."""
+    add: int = 0
+    """Dots to add to those of `pattern`, which stay exactly where they are."""
     dots: int | None = None
     """Number of dots, 4 to 64; None: those of `pattern`, else 20."""
     seed: int = 0

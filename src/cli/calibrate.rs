@@ -358,4 +358,10 @@ fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, out: &Path)
     for line in advice {
         outln!("  {line}");
     }
+    if let Some(set) = &evaluated.report.dot_set {
+        outln!("is this set of dots good? (numbers as in dots.png)");
+        for line in set.words() {
+            outln!("  {line}");
+        }
+    }
 }

@@ -41,7 +41,8 @@ pub struct DesignConfig {
     /// Weight of the pairs' quality as bases, on which the paper's recognizer depends; 0 leaves it
     /// out.
     pub basis_weight: f64,
-    /// A pattern to improve instead of random starts.
+    /// A pattern to improve instead of random starts; or the dots that are on the ball already, as many as
+    /// [`Constraints::drawn`].
     pub from: Option<Vec<[f64; 3]>>,
 }
 
@@ -104,6 +105,12 @@ impl DesignConfig {
                 self.dots
             );
             return Err(Error::argument("objective", problem));
+        }
+        let drawn = self.constraints.drawn;
+        if drawn > 0 {
+            let from = self.from.as_ref().map_or(0, Vec::len);
+            require(from == drawn, "from", &format!("{drawn} dots"), from)?;
+            require(drawn < self.dots, "add", "at least 1 dot", 0)?;
         }
         self.protocol.view().check()?;
         self.constraints.check_demand(self.dots)

@@ -11,6 +11,8 @@
 //! - seam, each dot: `sin(margin) - sign_i (p_i . normal)`, the dot stays on its side,
 //! - keep-out, each dot and cone: `p_i . axis - cos(half angle + a dot's radius)`.
 //!
+//! Dots that are drawn already ([`Constraints::drawn`]) stay: a constraint that only they violate is none.
+//!
 //! A pattern must also be possible to apply, so this module asks [`crate::stencil`] for two
 //! results: the seam of maximum margin, and whether a stencil is possible ([`Stencil::check`]).
 //! Nothing else in the design depends on the stencil.
@@ -49,6 +51,14 @@ pub struct Constraints {
     /// A stencil that must be possible: holes apart, clear of rims, hinge and thumb tab. It is not
     /// one of the inequalities; a pattern without a possible stencil is never chosen.
     pub stencil: Option<StencilConfig>,
+    /// The first so many dots are on the ball already. A descent leaves them where they are, and what they alone
+    /// violate counts for nothing.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub drawn: usize,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 impl Default for Constraints {
@@ -62,6 +72,7 @@ impl Default for Constraints {
             seam_margin_rad: 10f64.to_radians(),
             keep_out: Vec::new(),
             stencil: None,
+            drawn: 0,
         }
     }
 }
@@ -72,6 +83,18 @@ impl Default for Constraints {
 pub(super) struct Row {
     pub terms: [(usize, Vec3); 2],
     pub violation: f64,
+}
+
+impl Row {
+    /// The same inequality on the vectors from number `first` on; those before it do not move.
+    pub fn leave_out(&mut self, first: usize) {
+        for (index, gradient) in &mut self.terms {
+            match index.checked_sub(first) {
+                Some(rest) => *index = rest,
+                None => (*index, *gradient) = (0, Vec3::zeros()),
+            }
+        }
+    }
 }
 
 impl Constraints {
@@ -86,6 +109,10 @@ impl Constraints {
     /// # Errors
     /// [`Error::Argument`] with the nearest value that might work.
     pub fn check_demand(&self, dots: usize) -> Result<()> {
+        if self.drawn > 0 {
+            // What is possible beside them depends on where they are: the search finds out.
+            return self.check_domains();
+        }
         let limit = max_separation(dots);
         if !(self.min_separation_rad >= 0.0 && self.min_separation_rad < limit) {
             let fitting = (4..=dots)
@@ -108,13 +135,18 @@ impl Constraints {
             &expected,
             self.min_visible,
         )?;
+        self.check_domains()?;
+        self.check_space(dots)
+    }
+
+    fn check_domains(&self) -> Result<()> {
+        let separation = self.min_separation_rad.to_degrees();
+        let inside = (0.0..180.0).contains(&separation);
+        require(inside, "min_separation_rad", "0 to 180 degrees", separation)?;
         let margin = self.seam_margin_rad.to_degrees();
         let inside = (0.0..60.0).contains(&margin);
         require(inside, "seam_margin_rad", "0 to 60 degrees", margin)?;
-        for cone in &self.keep_out {
-            cone.check()?;
-        }
-        self.check_space(dots)
+        self.keep_out.iter().try_for_each(KeepOut::check)
     }
 
     /// Rejects a separation below that of the stencil's holes: no pattern that uses it has a stencil.
@@ -191,10 +223,10 @@ impl Constraints {
 
     /// The constraint that a pattern violates, or `None`.
     pub fn missed(&self, pattern: &Pattern) -> Option<String> {
-        let summary = pattern.summary();
+        let separation = self.separation(pattern);
         let deg = f64::to_degrees;
-        if summary.min_separation_rad < self.min_separation_rad - ANGLE_TOLERANCE {
-            let found = deg(summary.min_separation_rad);
+        if separation < self.min_separation_rad - ANGLE_TOLERANCE {
+            let found = deg(separation);
             return Some(format!("minimum separation {found:.2} deg"));
         }
         let seen = pattern.min_visible(self.visibility_limit);
@@ -208,7 +240,7 @@ impl Constraints {
             }
         }
         for cone in &self.keep_out {
-            for dot in pattern.dots() {
+            for dot in pattern.dots().iter().skip(self.drawn) {
                 let angle = angle_between(dot, &cone.axis);
                 if angle < self.min_angle_rad(cone) - ANGLE_TOLERANCE {
                     return Some(format!("a dot {:.2} deg from a keep-out axis", deg(angle)));
@@ -218,6 +250,22 @@ impl Constraints {
         let rejected = self.stencil.as_ref()?;
         let rejected = Stencil::check(pattern, rejected).err()?;
         Some(format!("{NO_STENCIL} ({rejected})"))
+    }
+
+    /// Minimum angle between two dots of which one is not drawn yet, radians.
+    pub(super) fn separation(&self, pattern: &Pattern) -> f64 {
+        let dots = pattern.dots();
+        let free = dots.iter().enumerate().skip(self.drawn);
+        let pairs = free.flat_map(|(i, a)| dots[..i].iter().map(move |b| angle_between(a, b)));
+        pairs.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether a new dot at `direction` keeps the separation from `dots`, and clear of all cones.
+    pub fn has_room(&self, dots: &[Vec3], direction: &Vec3) -> bool {
+        let apart = |d: &Vec3| angle_between(d, direction) >= self.min_separation_rad;
+        let outside =
+            |cone: &KeepOut| angle_between(&cone.axis, direction) >= self.min_angle_rad(cone);
+        dots.iter().all(apart) && self.keep_out.iter().all(outside)
     }
 
     /// Angle that a dot's center keeps from a cone's axis: where the dots' size is known, no dot
@@ -250,7 +298,7 @@ impl Constraints {
             }
         };
         let bound = self.min_separation_rad.cos();
-        for i in 0..n {
+        for i in self.drawn..n {
             for j in 0..i {
                 let violation = dots[i].dot(&dots[j]) - bound;
                 add([(i, dots[j]), (j, dots[i])], violation);
@@ -258,7 +306,7 @@ impl Constraints {
         }
         if self.seam_margin_rad > 0.0 {
             let bound = self.seam_margin_rad.sin();
-            for (i, d) in dots.iter().enumerate() {
+            for (i, d) in dots.iter().enumerate().skip(self.drawn) {
                 let height = d.dot(normal);
                 let side = height.signum();
                 add([(i, -side * normal), (n, -side * d)], bound - side * height);
@@ -266,7 +314,7 @@ impl Constraints {
         }
         for cone in &self.keep_out {
             let bound = self.min_angle_rad(cone).cos();
-            for (i, d) in dots.iter().enumerate() {
+            for (i, d) in dots.iter().enumerate().skip(self.drawn) {
                 add([(i, cone.axis), none], d.dot(&cone.axis) - bound);
             }
         }

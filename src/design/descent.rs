@@ -29,7 +29,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::constraints::{Constraints, Row};
 use super::objective::{Evaluation, Objective};
-use crate::error::Result;
+use crate::error::{Result, require};
 use crate::geometry::{Vec3, tangent_frame};
 use crate::pattern::Pattern;
 use crate::stencil::max_margin_seam;
@@ -91,6 +91,7 @@ impl<C: Cost> Demand<'_, C> {
             .zip(&found.gradient)
             .map(|(d, g)| g - d * d.dot(g))
             .collect();
+        gradient[..self.constraints.drawn].fill(Vec3::zeros());
         gradient.push(Vec3::zeros());
         Ok(Point {
             violation: self.constraints.violation(&vectors),
@@ -140,10 +141,12 @@ impl<'a, C: Cost> Iteration<'a, C> {
             self.radius *= 0.3;
             return Ok(());
         };
-        let pairs = self.at.vectors.iter().zip(&step.moves);
+        let (drawn, free) = self.at.vectors.split_at(constraints.drawn);
+        let moved = free.iter().zip(&step.moves[drawn.len()..]);
+        let moved = moved.map(|(v, m)| (v + m).normalize());
         let there = self
             .demand
-            .at(pairs.map(|(v, m)| (v + m).normalize()).collect())?;
+            .at(drawn.iter().copied().chain(moved).collect())?;
         let kept = (self.at.merit() - there.merit()) / step.promised.max(1e-15);
         self.update(&there);
         self.radius = if kept > WIDENED {
@@ -197,12 +200,15 @@ impl Move {
         constraints: &Constraints,
     ) -> Option<Self> {
         let count = at.vectors.len();
-        let frames: Vec<[Vec3; 2]> = at.vectors.iter().map(tangent_frame).collect();
-        let mut basis = DMatrix::zeros(3 * count, 2 * count);
+        // Dots that are drawn have no coordinates in the program: they stay.
+        let drawn = constraints.drawn;
+        let free = &at.vectors[drawn..];
+        let frames: Vec<[Vec3; 2]> = free.iter().map(tangent_frame).collect();
+        let mut basis = DMatrix::zeros(3 * count, 2 * free.len());
         for (i, frame) in frames.iter().enumerate() {
             for (k, axis) in frame.iter().enumerate() {
                 basis
-                    .fixed_view_mut::<3, 1>(3 * i, 2 * i + k)
+                    .fixed_view_mut::<3, 1>(3 * (drawn + i), 2 * i + k)
                     .copy_from(axis);
             }
         }
@@ -210,9 +216,12 @@ impl Move {
         let linear = basis.tr_mul(&DVector::from_vec(flat(&at.gradient)));
         let mut rows = Vec::new();
         constraints.rows(&at.vectors, 2.0 * radius, &mut |row| rows.push(row));
+        for row in &mut rows {
+            row.leave_out(drawn);
+        }
         let program = Program::new(&quadratic, &linear, &rows, &frames, radius);
         let solution = program.solve()?;
-        let (s, slack) = solution.split_at(2 * count);
+        let (s, slack) = solution.split_at(2 * frames.len());
         let s = DVector::from_column_slice(s);
         let model = linear.dot(&s) + 0.5 * s.dot(&(&quadratic * &s));
         let promised = RHO * at.violation - model - RHO * slack[0].max(0.0);
@@ -350,13 +359,16 @@ impl Descent<'_> {
     /// Lowers the cost of a pattern under the constraints.
     ///
     /// # Errors
-    /// Those of the cost.
+    /// Those of the cost; [`crate::Error::Argument`] where more dots are drawn than there are.
     pub fn run<C: Cost>(
         &self,
         start: &Pattern,
         cost: &C,
         constraints: &Constraints,
     ) -> Result<Pattern> {
+        let drawn = constraints.drawn;
+        let expected = format!("at most {}", start.len());
+        require(drawn <= start.len(), "drawn", &expected, drawn)?;
         let mut x = start.dots().to_vec();
         x.push(max_margin_seam(start.dots()).normal);
         let mut iteration = Iteration::begin(Demand { cost, constraints }, x)?;

@@ -4,6 +4,7 @@
 //! - [`objective`]: what makes a pattern easy to identify,
 //! - [`constraints`]: the constraints for printing, drawing and reading it,
 //! - [`descent`]: the descent under these constraints,
+//! - [`dot_set`]: whether the dots of a ball are good, and where one more would help,
 //! - [`state`]: how far a search has come, also on disk, and its shards,
 //! - [`search`]: whether the constraints can be met; then many starts, screening, and selection by
 //!   Monte Carlo.
@@ -14,6 +15,7 @@
 mod config;
 pub mod constraints;
 pub mod descent;
+pub mod dot_set;
 pub mod objective;
 mod ranking;
 mod request;

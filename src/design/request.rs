@@ -28,9 +28,12 @@ const MIN_SEPARATION_DEG: f64 = 18.0;
 /// [`DesignRequest::config`] settles it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DesignRequest {
-    /// A pattern to improve instead of starting at random.
+    /// A pattern to improve instead of starting at random; or, with `add`, the ball's dots as they are drawn.
     #[serde(skip)]
     pub pattern: Option<Pattern>,
+    /// Dots to add to those of `pattern`, which stay where they are.
+    #[serde(default)]
+    pub add: usize,
     /// Number of dots, 4 to 64. Open: those of `pattern`, else 20.
     pub dots: Option<usize>,
     /// Seed of the random starts; the seeds of all trials are derived from it.
@@ -86,6 +89,7 @@ impl Default for DesignRequest {
         let config = DesignConfig::default();
         Self {
             pattern: None,
+            add: 0,
             dots: None,
             seed: config.seed,
             starts: config.starts,
@@ -137,21 +141,7 @@ impl DesignRequest {
             climb_steps: self.climb_steps,
             samples: self.samples,
             protocol,
-            constraints: Constraints {
-                min_separation_rad: self
-                    .min_separation_rad
-                    .unwrap_or_else(|| self.usual_separation_deg().to_radians()),
-                min_visible: self.min_visible.unwrap_or(3 * dots / 10),
-                seam_margin_rad: self
-                    .seam_margin_rad
-                    .unwrap_or_else(|| Self::usual_seam_margin_deg(dots).to_radians()),
-                keep_out: match &self.pattern {
-                    Some(pattern) if self.keep_out.is_empty() => pattern.keep_out().to_vec(),
-                    _ => self.keep_out.clone(),
-                },
-                stencil: Some(self.stencil()),
-                ..Constraints::default()
-            },
+            constraints: self.constraints(dots),
             objective: Objective::for_view(
                 self.objective.unwrap_or(ObjectiveName::for_dots(dots)),
                 protocol.view(),
@@ -166,8 +156,54 @@ impl DesignRequest {
         };
         self.stencil().validate().map_err(of_dots)?;
         self.check_holes(dots)?;
+        self.check_added(&config.constraints)?;
         config.check()?;
         Ok(config)
+    }
+
+    /// The constraints. Beside dots that are drawn none depends on the stencil: one may not even be possible.
+    fn constraints(&self, dots: usize) -> Constraints {
+        let is_added = self.add > 0;
+        let usual_margin_rad = match is_added {
+            true => 0.0,
+            false => Self::usual_seam_margin_deg(dots).to_radians(),
+        };
+        Constraints {
+            min_separation_rad: self
+                .min_separation_rad
+                .unwrap_or_else(|| self.usual_separation_deg().to_radians()),
+            // More dots never leave fewer in view.
+            min_visible: self
+                .min_visible
+                .unwrap_or(if is_added { 0 } else { 3 * dots / 10 }),
+            seam_margin_rad: self.seam_margin_rad.unwrap_or(usual_margin_rad),
+            keep_out: match &self.pattern {
+                Some(pattern) if self.keep_out.is_empty() => pattern.keep_out().to_vec(),
+                _ => self.keep_out.clone(),
+            },
+            stencil: (!is_added).then(|| self.stencil()),
+            drawn: match &self.pattern {
+                Some(pattern) if is_added => pattern.len(),
+                _ => 0,
+            },
+            ..Constraints::default()
+        }
+    }
+
+    /// Rejects what dots that are drawn already leave no choice in.
+    fn check_added(&self, constraints: &Constraints) -> Result<()> {
+        let Some(pattern) = self.pattern.as_ref().filter(|_| self.add > 0) else {
+            return require(self.add == 0, "add", "a pattern to add dots to", "none");
+        };
+        let margin = constraints.seam_margin_rad.to_degrees();
+        require(
+            margin == 0.0,
+            "seam_margin_rad",
+            "0 beside drawn dots",
+            margin,
+        )?;
+        let zones = constraints.keep_out.clone();
+        pattern.clone().with_keep_out(zones).map(drop)
     }
 
     /// The stencil that draws the pattern.
@@ -187,7 +223,7 @@ impl DesignRequest {
                 let problem = format!("expected none beside a pattern of {}", pattern.len());
                 Err(Error::argument("dots", problem))
             }
-            (Some(pattern), _) => Ok(pattern.len()),
+            (Some(pattern), _) => Ok(pattern.len() + self.add),
             (None, dots) => Ok(dots.unwrap_or(DesignConfig::default().dots)),
         }
     }
@@ -217,7 +253,8 @@ impl DesignRequest {
     }
 
     fn bound_goal(&self, dots: usize) -> Result<Option<BoundSummary>> {
-        let published = (dots >= PUBLISHED_DOTS).then_some(PUBLISHED_BOUND);
+        // Dots that are drawn decide most of it.
+        let published = (dots >= PUBLISHED_DOTS && self.add == 0).then_some(PUBLISHED_BOUND);
         let goal = self.bound_goal.or(published);
         if let Some(BoundSummary { mean, worst }) = goal {
             let is_bound = mean > 0.0 && worst > 0.0 && mean.max(worst).is_finite();
@@ -247,7 +284,10 @@ impl DesignRequest {
     /// the field.
     fn check_holes(&self, dots: usize) -> Result<()> {
         // Other numbers of dots are rejected elsewhere.
-        if self.min_separation_rad.is_some() || !(MIN_DOTS..=MAX_DOTS).contains(&dots) {
+        if self.min_separation_rad.is_some()
+            || self.add > 0
+            || !(MIN_DOTS..=MAX_DOTS).contains(&dots)
+        {
             return Ok(());
         }
         let reached = packed_separation(dots);

@@ -57,7 +57,8 @@ pub struct Candidate {
     pub missed: Option<String>,
     /// Whether its orientation bound misses the goal; such a candidate ranks behind all others.
     pub short_of_goal: bool,
-    /// Identity rate over all trials so far, if it was tried.
+    /// Identity rate over all trials so far, if it was tried; of dots added to drawn ones, the rate of orientations
+    /// under 20 degrees off over all views, since views with too few dots are what these are for.
     pub identity: Option<Proportion>,
     /// The dots.
     pub dots: Vec<[f64; 3]>,
@@ -88,7 +89,15 @@ impl Candidate {
             Ok(pattern) => pattern,
             Err(error) => return reject(error.to_string()),
         };
-        let separation = pattern.summary().min_separation_rad;
+        if let Some(from) = config
+            .from
+            .as_ref()
+            .filter(|_| config.constraints.drawn > 0)
+            && self.dots.get(..from.len()) != Some(&from[..])
+        {
+            return reject("expected the drawn dots where they are".to_owned());
+        }
+        let separation = config.constraints.separation(&pattern);
         let expected = config.constraints.min_separation_rad;
         if self.missed.is_none() && separation < expected - SEPARATION_ROUNDING {
             let [expected, found] = [expected, separation].map(f64::to_degrees);

@@ -19,6 +19,8 @@ pub const VIEWS_SIZE: (u32, u32) = (1280, 760);
 const RADIUS: f64 = 265.0;
 /// Height of the ball's center beneath the title, file pixels.
 const CENTER_Y: f64 = 318.0;
+/// Inner radius of the ring of a dot that is to be drawn, as part of the dot's.
+const RING: f64 = 0.72;
 /// Size of the dots' numbers, file pixels.
 const NUMBER: f64 = 17.0;
 /// Dots lower than this (z of the unit vector) have their numbers outside the ball.
@@ -33,6 +35,8 @@ pub struct BallDrawing {
     pub ball_diameter_mm: f64,
     /// Diameter of a dot (of the stencil's hole), millimeters; less than the ball's.
     pub dot_diameter_mm: f64,
+    /// So many dots, the last ones, are not on the ball yet: they are drawn as rings.
+    pub to_draw: usize,
 }
 
 impl BallDrawing {
@@ -113,8 +117,9 @@ pub fn pattern_views(path: &Path, pattern: &Pattern, view: &BallDrawing) -> Resu
                 .iter()
                 .map(|zone| (side.view(&zone.axis), zone.half_angle_rad))
                 .collect();
-            draw_ball(half, &dots, dot_radius, &zones)?;
-            draw_numbers(half, &dots, dot_radius)?;
+            let drawn = dots.len().saturating_sub(view.to_draw);
+            draw_ball(half, &dots, drawn, dot_radius, &zones)?;
+            draw_numbers(half, &dots, drawn, dot_radius)?;
             let at = (center(half).0, px(CENTER_Y + RADIUS + 52.0));
             text(half, side.caption, at, HPos::Center, LABEL + 2.0, INK)?;
             draw_axes(half, &side)?;
@@ -124,8 +129,12 @@ pub fn pattern_views(path: &Path, pattern: &Pattern, view: &BallDrawing) -> Resu
             1 => "; hatched: a zone that stays free",
             _ => "; hatched: zones that stay free",
         };
+        let rings = match view.to_draw {
+            0 => "",
+            _ => "; rings: to be drawn",
+        };
         let note = format!(
-            "{} dots of {} mm on a ball of {} mm{zones}",
+            "{} dots of {} mm on a ball of {} mm{rings}{zones}",
             pattern.len(),
             view.dot_diameter_mm,
             view.ball_diameter_mm
@@ -142,12 +151,19 @@ fn center(area: &Area<'_>) -> (i32, i32) {
 }
 
 /// Shades the ball and its dots pixel by pixel: what a pixel shows follows from its point on the
-/// sphere.
-fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64, zones: &[(Vec3, f64)]) -> Drawn {
+/// sphere. The dots from number `drawn` on are rings.
+fn draw_ball(
+    area: &Area<'_>,
+    dots: &[Vec3],
+    drawn: usize,
+    dot_radius: f64,
+    zones: &[(Vec3, f64)],
+) -> Drawn {
     let (cx, cy) = center(area);
     let radius = px(RADIUS);
     let light = Vec3::new(-0.35, 0.45, 0.82).normalize();
-    let min_cos = dot_radius.cos();
+    let [min_cos, ring_cos] = [1.0, RING].map(|part| (part * dot_radius).cos());
+    let (dots, rings) = dots.split_at(drawn);
     for dy in -radius..=radius {
         for dx in -radius..=radius {
             let x = f64::from(dx) / f64::from(radius);
@@ -159,8 +175,12 @@ fn draw_ball(area: &Area<'_>, dots: &[Vec3], dot_radius: f64, zones: &[(Vec3, f6
             let point = Vec3::new(x, y, rest.sqrt());
             let lit = 0.72 + 0.28 * point.dot(&light).max(0.0);
             let dark = dots.iter().any(|d| d.dot(&point) >= min_cos);
+            let in_ring = |d: &Vec3| (min_cos..ring_cos).contains(&d.dot(&point));
             let base: [f64; 3] = if dark {
                 [46.0, 52.0, 64.0]
+            } else if rings.iter().any(in_ring) {
+                let RGBColor(r, g, b) = canvas::color(1);
+                [r, g, b].map(f64::from)
             } else {
                 zone_color(&point, zones).unwrap_or([255.0, 246.0, 232.0])
             };
@@ -214,8 +234,8 @@ impl Extent {
 }
 
 /// Numbers the dots of which something is seen from this side: inside a dot that is large enough,
-/// outside the ball with a line to the dot at the limb, else beside the dot.
-fn draw_numbers(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
+/// outside the ball with a line to the dot at the limb, else beside the dot. Those from number `drawn` on are rings.
+fn draw_numbers(area: &Area<'_>, dots: &[Vec3], drawn: usize, dot_radius: f64) -> Drawn {
     let (cx, cy) = center(area);
     let (cx, cy, radius) = (f64::from(cx), f64::from(cy), f64::from(px(RADIUS)));
     let long = radius * dot_radius.sin();
@@ -243,7 +263,7 @@ fn draw_numbers(area: &Area<'_>, dots: &[Vec3], dot_radius: f64) -> Drawn {
             f64::from(px(NUMBER)) * 0.36,
         );
         let (at, color) = if (half.0 / long).hypot(half.1 / long) < 0.85 * d.z {
-            (place(d), WHITE)
+            (place(d), if *number < drawn { WHITE } else { INK })
         } else if d.z < LIMB {
             let (from, knee, at) = outside((cx, cy), radius, d, half, &taken);
             let line = [from, knee].map(|p| (p.0.round() as i32, p.1.round() as i32));

@@ -1,7 +1,7 @@
 //! The result of a calibration: the ball's own pattern and table, and what they are worth.
 //!
 //! The folder holds `pattern.csv` and `table.npz` of the ball as it is drawn, `report.json`,
-//! `offsets.csv`, `report.html` and, where the crate is built with the feature `plot`, `offsets.png`.
+//! `offsets.csv`, `report.html` and, where the crate is built with the feature `plot`, `offsets.png` and `dots.png`.
 
 use std::path::Path;
 
@@ -16,6 +16,7 @@ use crate::files;
 use crate::geometry::{Vec3, tangent_frame};
 use crate::pattern::Pattern;
 use crate::recognize::robust::RobustRecognizer;
+use crate::report::dot_set::DotSetReport;
 use crate::report::page::CalibrationPage;
 use crate::stats::Proportion;
 use crate::validate::{Trials, Validation};
@@ -130,6 +131,9 @@ pub struct CalibrationReport {
     pub monte_carlo: Vec<ProtocolReport>,
     /// Seed of the Monte Carlo trials.
     pub seed: u64,
+    /// How good the dots are as a set; none where no trials were asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dot_set: Option<DotSetReport>,
     /// What to do, in words.
     pub advice: Vec<String>,
 }
@@ -250,6 +254,10 @@ pub fn evaluate_calibration(
         held_out: held_out(nominal, frames, times_s, config)?,
         motion: times_s.and_then(|t| calibration.motion_residuals(frames, t)),
         monte_carlo,
+        dot_set: match evaluation.samples {
+            0 => None,
+            _ => Some(DotSetReport::of(calibration, &pattern, evaluation)?),
+        },
         seed: evaluation.seed,
         advice: Vec::new(),
     };
@@ -378,7 +386,7 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
             "drawn as it is, the ball is identified less often than as designed ({}): draw it again where that matters",
             worse.join(", ")
         ));
-    } else if !report.monte_carlo.is_empty() {
+    } else if !report.monte_carlo.is_empty() && report.nominal_sha256.is_some() {
         advice.push(
             "with its own table the ball is as good as one drawn exactly: drawing it again is not worth it"
                 .to_owned(),
@@ -423,7 +431,10 @@ impl CalibrationEvaluation {
             self.report.offsets_csv().as_bytes(),
         )?;
         #[cfg(feature = "plot")]
-        self.report.draw(&dir.join("offsets.png"))?;
+        {
+            self.report.draw(&dir.join("offsets.png"))?;
+            super::dot_set::draw(&dir.join("dots.png"), &self.ball, &self.report)?;
+        }
         super::folder::write_report(&dir.join(super::REPORT), &self.report)?;
         CalibrationPage::read(dir)?.write(dir)
     }

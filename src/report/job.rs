@@ -28,7 +28,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::page::DesignPage;
-use super::{DesignEvaluation, EvaluationConfig, REPORT, evaluate};
+use super::{DesignEvaluation, DotPlace, EvaluationConfig, REPORT, evaluate};
 use crate::ball::DesignRecord;
 use crate::design::state::{Checkpoint, ShardRecord};
 use crate::design::{
@@ -37,20 +37,23 @@ use crate::design::{
 };
 use crate::error::{Error, Result};
 use crate::files::{self, FolderLock, Replacement};
-use crate::stencil::StencilConfig;
+use crate::stencil::{Stencil, StencilConfig};
 
 /// The search's checkpoint within the folder.
 pub const CHECKPOINT: &str = "search.json";
 /// The pattern within the folder.
 const PATTERN: &str = "pattern.csv";
 /// What depends on the pattern, the mark of a whole result first.
-const RESULTS: [&str; 5] = [
+const RESULTS: [&str; 6] = [
     REPORT,
     "report.html",
     "stencil",
     "table.npz",
     "sensitivity.csv",
+    ADDED,
 ];
+/// The picture of dots that are to be drawn beside others.
+const ADDED: &str = "added.png";
 
 /// Configuration of a design and its output folder.
 #[derive(Debug, Clone, PartialEq)]
@@ -271,6 +274,9 @@ impl DesignJob {
             observer.step(what);
         })?;
         let mut found = found.with_design(self.record(camera.as_ref()))?;
+        let ball_mm = self.stencil.ball_diameter_mm;
+        let drawn = self.config.constraints.drawn;
+        found.report.added = DotPlace::added(found.ball.pattern().dots(), drawn, ball_mm);
         found.report.command = command;
         found.report.camera = camera;
         found.report.timing.search_s = search_s;
@@ -278,12 +284,31 @@ impl DesignJob {
         found.write(results.path())?;
         #[cfg(feature = "plot")]
         super::plots::write_all(results.path(), &found.report, &found.ball, &self.pictures)?;
-        observer.step("making the stencil");
-        found.write_stencil(results.path(), &self.stencil)?;
+        #[cfg(feature = "plot")]
+        if !found.report.added.is_empty() {
+            super::plots::to_draw(&results.path().join(ADDED), &found, &self.stencil)?;
+        }
+        self.write_stencil(&found, results.path(), observer)?;
         DesignPage::read(results.path())?.write(results.path())?;
         // The pattern is replaced at once: it is what a search leaves at any time.
         results.publish(&[], &[PATTERN], REPORT)?;
         Ok(found)
+    }
+
+    /// Makes the stencil. Beside drawn dots, whose places nobody chose for one, it is left out where none is possible.
+    fn write_stencil(
+        &self,
+        found: &DesignEvaluation,
+        dir: &Path,
+        observer: &mut dyn JobObserver,
+    ) -> Result<()> {
+        if self.config.constraints.drawn > 0
+            && Stencil::check(found.ball.pattern(), &self.stencil).is_err()
+        {
+            return Ok(());
+        }
+        observer.step("making the stencil");
+        found.write_stencil(dir, &self.stencil)
     }
 
     /// What the pattern is designed for.

@@ -9,6 +9,9 @@
 #[cfg(feature = "vision")]
 pub mod calibration;
 pub mod compare;
+mod dot_place;
+#[cfg(feature = "vision")]
+pub mod dot_set;
 mod folder;
 mod job;
 pub mod page;
@@ -27,7 +30,7 @@ use crate::design::{
 };
 use crate::error::{Error, Result};
 use crate::files;
-use crate::pattern::PatternSummary;
+use crate::pattern::{Pattern, PatternSummary};
 use crate::recognize::RecognizerName;
 use crate::recognize::paper::FeatureTree;
 use crate::stencil::{Stencil, StencilConfig};
@@ -37,6 +40,7 @@ use crate::validate::{
 };
 use crate::view::{Protocol, ProtocolName};
 
+pub use dot_place::DotPlace;
 #[cfg(feature = "cli")]
 pub(crate) use job::reject_design;
 pub use job::{CHECKPOINT, DesignJob, JobObserver, ShardedJob, Start};
@@ -120,6 +124,12 @@ pub struct DesignReport {
     pub mean_feature_distance: f64,
     /// Rates of the winner on the report's trials: every recognizer, every protocol.
     pub validation: Vec<NamedValidation>,
+    /// Of dots added to drawn ones: the rates before, by the default recognizer on the same trials.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub before: Vec<NamedValidation>,
+    /// Of dots added to drawn ones: where they are to be drawn.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub added: Vec<DotPlace>,
     /// How the rates depend on noise and alpha.
     pub sensitivity: Vec<SensitivityPoint>,
     /// How the finalists were ranked for a camera, where they were.
@@ -216,7 +226,8 @@ pub fn evaluate(
     let pattern = &best.pattern()?.with_keep_out(zones)?;
     let mut ball = Ball::new(pattern.clone());
     let clock = Stopwatch::start();
-    let mut validation = validate_all(&ball, config, evaluation, says)?;
+    let all = &RecognizerName::ALL;
+    let mut validation = validate_all(&ball, config, evaluation, all, says)?;
     let mut timing = Timing {
         validation_s: clock.elapsed().as_secs_f64(),
         us_per_identification: validation
@@ -227,7 +238,14 @@ pub fn evaluate(
         milestones: outcome.milestones.clone(),
         ..Timing::default()
     };
-    for v in &mut validation {
+    let drawn = pattern.dots().split_at(config.constraints.drawn).0;
+    let mut before = Vec::new();
+    if !drawn.is_empty() {
+        let before_them = Ball::new(Pattern::new(drawn.to_vec())?);
+        let default = &[RecognizerName::Robust];
+        before = validate_all(&before_them, config, evaluation, default, &mut |_| {})?;
+    }
+    for v in validation.iter_mut().chain(&mut before) {
         v.validation = v.validation.clone().untimed();
     }
     let clock = Stopwatch::start();
@@ -260,6 +278,8 @@ pub fn evaluate(
         },
         design: None,
         validation,
+        before,
+        added: Vec::new(),
         sensitivity,
         camera: None,
         timing,
@@ -278,16 +298,17 @@ impl Seeds {
     }
 }
 
-/// Every recognizer in every protocol; the search's own protocol with the search's own values.
+/// Some recognizers in every protocol; the search's own protocol with the search's own values.
 fn validate_all(
     ball: &Ball,
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
+    recognizers: &[RecognizerName],
     says: &mut dyn FnMut(&str),
 ) -> Result<Vec<NamedValidation>> {
     let (seed, samples) = (config.report_seed(), evaluation.samples);
     let mut found = Vec::new();
-    for recognizer in RecognizerName::ALL {
+    for &recognizer in recognizers {
         for name in ProtocolName::ALL {
             says(&format!("validating: {name}, recognizer {recognizer}"));
             let protocol = if name == config.protocol.name() {

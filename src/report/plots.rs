@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use super::DesignReport;
 use super::folder::read_ball;
+use super::{DesignEvaluation, DesignReport};
 use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::plot::{
@@ -177,6 +177,22 @@ pub fn dots(path: &Path, ball: &Ball, stencil: &StencilConfig) -> Result<()> {
         ),
         ball_diameter_mm: stencil.ball_diameter_mm,
         dot_diameter_mm: stencil.hole_diameter_mm,
+        to_draw: 0,
+    };
+    pattern_views(path, pattern, &view)
+}
+
+/// A ball whose last dots are to be drawn, from both sides.
+///
+/// # Errors
+/// [`crate::Error::Write`] on an I/O failure.
+pub(super) fn to_draw(path: &Path, found: &DesignEvaluation, size: &StencilConfig) -> Result<()> {
+    let (pattern, added) = (found.ball.pattern(), found.report.added.len());
+    let view = BallDrawing {
+        title: format!("{added} dots to add to {}", pattern.len() - added),
+        ball_diameter_mm: size.ball_diameter_mm,
+        dot_diameter_mm: size.hole_diameter_mm,
+        to_draw: added,
     };
     pattern_views(path, pattern, &view)
 }

@@ -70,6 +70,11 @@ pub struct Validation {
 }
 
 impl Validation {
+    /// Orientations under 20 degrees off, of all views: one that shows too few dots counts as a failure.
+    pub fn answered_right(&self) -> Proportion {
+        Proportion::new(self.orientation.successes, self.samples)
+    }
+
     /// The same values without the time, so that the same seed gives the same bytes.
     #[must_use]
     pub fn untimed(mut self) -> Self {

@@ -8,6 +8,9 @@ use rand_distr::{Distribution, Poisson};
 use super::{Detection, FalseDots, ObservedDot, ViewModel};
 use crate::geometry::{Rotation, Vec3, random_direction_above, random_rotation};
 
+/// Where in a trial's stream the random numbers of one more dot begin: beyond those that any trial draws.
+const ONE_MORE: u128 = 1 << 40;
+
 /// A view and its truth.
 #[derive(Debug, Clone, Default)]
 pub struct Trial {
@@ -43,6 +46,25 @@ impl<'p> TrialGenerator<'p> {
             dots,
             view,
             rng: ChaCha8Rng::seed_from_u64(seed),
+        }
+    }
+
+    /// Shows one more dot in trial `index`, which was just drawn: as the pattern's next number, by random numbers that the
+    /// trial itself does not use, so that nothing else of it changes. Where a fixed number of dots is given, it is not.
+    pub fn show_one_more(&mut self, dot: &Vec3, index: u64, trial: &mut Trial) {
+        let Self { dots, view, rng } = self;
+        let Detection::Each { probability } = view.detection else {
+            return;
+        };
+        rng.set_stream(index);
+        rng.set_word_pos(ONE_MORE);
+        let q = trial.rotation * dot;
+        let is_detected = rng.random::<f64>() >= 1.0 - probability;
+        if q.z > view.visibility_limit && is_detected {
+            trial
+                .dots
+                .push(view.noise.displaced(&q, view.noise_scale, rng));
+            trial.truth.push(Some(dots.len() as u16));
         }
     }
 

@@ -194,6 +194,7 @@ fn view() -> BallDrawing {
         title: "Pattern of 20 dots".into(),
         ball_diameter_mm: 40.0,
         dot_diameter_mm: 3.0,
+        to_draw: 0,
     }
 }
 

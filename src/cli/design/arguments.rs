@@ -1,10 +1,11 @@
 //! The arguments of `spindoe design`, and the command that repeats a design.
 
+use std::num::NonZero;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::builder::{ArgPredicate, PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use crate::ball::Ball;
 #[cfg(feature = "vision")]
@@ -42,12 +43,17 @@ Examples:
   spindoe design --seed 7 --budget 30m -o my-ball --resume
   spindoe design --dots 12 --dot-diameter-mm 6 -o twelve
   spindoe design old.csv --keep-out 0,0,1,25 -o with-logo
+  spindoe design my-ball --add 4 -o my-ball-and-4
   spindoe design --camera camera.toml -o for-my-camera
   spindoe design --protocol image --ball-px 40 --config pixel_noise=0.7 -o small-in-the-image")]
 pub struct Arguments {
     /// Improve this pattern (a shipped one by its name, a CSV, a table, or a folder) instead of starting at random.
     #[arg(value_name = "PATTERN", conflicts_with = "dots")]
     pub(super) pattern: Option<PathBuf>,
+    /// Add so many dots to those of PATTERN, a ball that is drawn already (the folder of its calibration): its dots stay
+    /// exactly where they are. Rates are then of right orientations, of all views.
+    #[arg(long, value_name = "K", requires = "pattern")]
+    pub(super) add: Option<NonZero<usize>>,
     /// Number of dots, 4 to 64 [default: 20; with --camera the best of a few numbers].
     #[arg(long, value_name = "N")]
     pub(super) dots: Option<usize>,
@@ -105,8 +111,8 @@ pub struct Arguments {
     /// fifth of it for each point of the sensitivity sweeps.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().samples)]
     samples: u64,
-    /// The views to optimize for.
-    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Sparse)]
+    /// The views to optimize for; with --add clutter, where nothing else is asked for.
+    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Sparse, default_value_if("add", ArgPredicate::IsPresent, "clutter"))]
     protocol: ProtocolName,
     /// Minimum angle between two dots, degrees; by default the separation that the stencil's holes
     /// need, at least 18.
@@ -186,10 +192,16 @@ pub struct Arguments {
 const MIN_DOT_PX: f64 = 3.75;
 
 impl Arguments {
+    /// Dots to add to those of the pattern.
+    fn added(&self) -> usize {
+        self.add.map_or(0, NonZero::get)
+    }
+
     /// What these arguments ask for, without the pattern.
     fn request(&self) -> DesignRequest {
         DesignRequest {
             pattern: None,
+            add: self.added(),
             dots: self.dots,
             seed: self.seed,
             starts: self.starts,
@@ -301,7 +313,12 @@ impl Arguments {
         let mut words = vec!["spindoe design".to_owned()];
         let mut add = |word: String| words.push(word);
         match &self.pattern {
-            Some(path) => add(quoted(&path.to_string_lossy())),
+            Some(path) => {
+                add(quoted(&path.to_string_lossy()));
+                if let Some(count) = self.add {
+                    add(format!("--add {count}"));
+                }
+            }
             None => add(format!("--dots {}", config.dots)),
         }
         add(format!("--seed {}", config.seed));
@@ -356,9 +373,11 @@ impl Arguments {
         let separation_deg = self
             .min_separation_deg
             .unwrap_or_else(|| self.request().usual_separation_deg());
-        let margin_deg = self
-            .seam_margin_deg
-            .unwrap_or_else(|| DesignRequest::usual_seam_margin_deg(config.dots));
+        let usual = match self.added() {
+            0 => DesignRequest::usual_seam_margin_deg(config.dots),
+            _ => 0.0,
+        };
+        let margin_deg = self.seam_margin_deg.unwrap_or(usual);
         let mut all = vec![
             ("starts", config.starts.to_string()),
             ("rounds", config.rounds.to_string()),

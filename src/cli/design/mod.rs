@@ -15,6 +15,7 @@ use super::output::quoted;
 use super::print_json;
 use crate::design::Shard;
 use crate::error::Result;
+use crate::recognize::RecognizerName;
 use crate::report::{CHECKPOINT, DesignEvaluation, DesignJob, Start};
 
 pub use arguments::Arguments;
@@ -78,6 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return print_json(&found.report);
     }
     print_words(&found, clock.elapsed().as_secs_f64());
+    print_added(&found);
     print_next(arguments, &job, &found);
     outln!("{}", job.dir.display());
     Ok(())
@@ -98,6 +100,13 @@ fn print_next(arguments: &Arguments, job: &DesignJob, found: &DesignEvaluation) 
     let is_free = arguments.dots.is_none() && arguments.pattern.is_none() && !has_camera;
     if is_free && report.pattern.dots.len() <= FEW_DOTS {
         errln!("{MORE_DOTS}");
+    }
+    if arguments.add.is_some() {
+        errln!(
+            "Next: draw the rings of {dir}/added.png, film the ball, and measure it by \
+             `spindoe calibrate --table {dir}/table.npz CLIP`."
+        );
+        return;
     }
     errln!(
         "Next: look at {dir}/report.html, print {dir}/stencil/stencil.3mf, draw, and read your images by \
@@ -169,6 +178,36 @@ fn free_folder() -> PathBuf {
         .chain(numbered)
         .find(|p| !p.exists())
         .unwrap_or_else(|| PathBuf::from(FOLDER))
+}
+
+/// What dots that come to drawn ones are worth, and where they are to be drawn.
+fn print_added(found: &DesignEvaluation) {
+    let report = &found.report;
+    if report.added.is_empty() {
+        return;
+    }
+    outln!("right orientations of all views, before and with the added dots:");
+    let with = |name| {
+        let robust = report
+            .validation
+            .iter()
+            .filter(|v| v.recognizer == RecognizerName::Robust);
+        robust.map(|v| &v.validation).find(|v| v.protocol == name)
+    };
+    for before in report.before.iter().map(|v| &v.validation) {
+        if let Some(after) = with(before.protocol) {
+            outln!(
+                "{:<8} {:>24} {:>24}",
+                before.protocol,
+                before.answered_right().to_string(),
+                after.answered_right().to_string()
+            );
+        }
+    }
+    outln!("where to draw them, straight distances as a caliper takes them:");
+    for place in &report.added {
+        outln!("  {place}");
+    }
 }
 
 pub(super) fn print_words(found: &DesignEvaluation, seconds: f64) {

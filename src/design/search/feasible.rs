@@ -215,6 +215,10 @@ impl Demand {
 /// [`Error::Argument`] with the nearest value that was reached.
 pub fn check_feasible(constraints: &Constraints, dots: usize) -> Result<()> {
     constraints.check_demand(dots)?;
+    if constraints.drawn > 0 {
+        // The attempts here place all dots freely. Whether there is room beside drawn ones, each start finds out.
+        return Ok(());
+    }
     let demanded = constraints.min_separation_rad;
     let reached = packed_separation(dots);
     if demanded > reached {

@@ -5,11 +5,12 @@
 
 use std::sync::atomic::AtomicBool;
 
+use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::feasible::start_separation;
-use super::start::move_dots;
+use super::start::{add_dots, move_dots};
 use crate::design::config::DesignConfig;
 use crate::design::descent::{Cost, Descent};
 use crate::design::objective::{Evaluation, OrientationBound, basis};
@@ -61,6 +62,9 @@ fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Res
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     rng.set_stream(start as u64);
     let separation = config.constraints.min_separation_rad;
+    if config.constraints.drawn > 0 {
+        return added_pattern(config, pool, start, &mut rng);
+    }
     let improve = config.from.is_none() && !pool.is_empty();
     if improve && !start.is_multiple_of(FRESH_EVERY) {
         let good = pool[rng.random_range(0..pool.len())].pattern()?;
@@ -77,6 +81,35 @@ fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Res
             .map(|d| (Vec3::from(*d) + shake * random_direction(&mut rng)).normalize())
             .collect(),
     )
+}
+
+/// The drawn dots with others at random; or, once there are good ones, one of them with some of its added dots
+/// placed elsewhere.
+fn added_pattern(
+    config: &DesignConfig,
+    pool: &[Candidate],
+    start: usize,
+    rng: &mut ChaCha8Rng,
+) -> Result<Pattern> {
+    let drawn = config.constraints.drawn;
+    let mut dots: Vec<Vec3> = config
+        .from
+        .iter()
+        .flatten()
+        .map(|d| Vec3::from(*d))
+        .collect();
+    if !pool.is_empty() && !start.is_multiple_of(FRESH_EVERY) {
+        let mut good = pool[rng.random_range(0..pool.len())]
+            .pattern()?
+            .dots()
+            .to_vec();
+        good[drawn..].shuffle(rng);
+        let moved = rng.random_range(1..=MAX_MOVED.min(good.len() - drawn));
+        good.truncate(good.len() - moved);
+        dots = good;
+    }
+    add_dots(&mut dots, config.dots, &config.constraints, rng)?;
+    Pattern::new(dots)
 }
 
 /// A pattern with its values.
@@ -136,7 +169,7 @@ pub(super) fn climb(
     candidate(config, scouted.start, scouted.value_before, &found)
 }
 
-/// A candidate's identity rate with the robust recognizer.
+/// A candidate's rate ([`Candidate::identity`]) with the robust recognizer.
 pub(super) fn rate(
     config: &DesignConfig,
     candidate: &Candidate,
@@ -147,7 +180,11 @@ pub(super) fn rate(
     let trials = Trials::first(&pattern, *config.protocol.view(), seed, samples);
     let robust = RobustRecognizer::new(&pattern, trials.view.into())?;
     let found = trials.run(&robust, &|_| {})?;
-    Ok(Validation::of(&found, config.protocol.name(), &trials).identity)
+    let found = Validation::of(&found, config.protocol.name(), &trials);
+    Ok(match config.constraints.drawn {
+        0 => found.identity,
+        _ => found.answered_right(),
+    })
 }
 
 /// Adds trials to a candidate's.

@@ -11,6 +11,7 @@ const DOT_STATES = {
 function calibratePage(d) {
   calibrationTiles(d);
   adviceSection(d);
+  dotSetSection(d);
   const ball = drawnBall(d);
   offsetSection(d);
   coverageSection(d);
@@ -63,6 +64,16 @@ function adviceSection(d) {
     section("advice", "What to do", null).append(
       el("ul", {}, ...d.advice.map((line) => el("li", { text: line }))),
     );
+}
+
+/** Whether the dots are good as a set, and where one more would help. */
+function dotSetSection(d) {
+  if (d.dot_set_words.length)
+    section(
+      "dot-set",
+      "Is this set of dots good?",
+      `Simulated views, each read as a frame by itself; brackets are 95 % intervals. The numbers of dots are those of pattern.csv, as in dots.png.`,
+    ).append(el("ul", {}, ...d.dot_set_words.map((line) => el("li", { text: line }))));
 }
 
 /** What is said of a dot. */
@@ -169,6 +180,12 @@ function drawnBall(d) {
         if (times(v.turn, mark.direction)[2] > 0.1)
           labels.push({ at: mark.direction, text: "mark", color: "--seam", size: 12 });
       }
+      const add = d.dot_set && d.dot_set.add;
+      if (add) {
+        lines.push(...ringLines(v, add.direction, d.dot_angle_rad, "--c2", false));
+        if (times(v.turn, add.direction)[2] > 0.1)
+          labels.push({ at: add.direction, text: "add", color: "--c2", size: 12 });
+      }
       return { reach: 1.12, ball, lines, labels: labels.concat(axes.labels) };
     },
     {
@@ -219,7 +236,7 @@ function drawnBall(d) {
         el("button", { type: "button", text: "Reset", onclick: () => view.reset() }),
       ],
       caption:
-        "Blue rings: measured dots. Grey dashes: not seen, or doubtful. Red: never found. Orange: marks that the pattern lacks. Frame of the pattern: x right, y up, z towards the viewer at the start.",
+        "Blue rings: measured dots. Grey dashes: not seen, or doubtful. Red: never found. Orange: marks that the pattern lacks. Green: where one more dot helps most. Frame of the pattern: x right, y up, z towards the viewer at the start.",
       beside: [
         el("h3", { text: "Dot" }),
         info,

@@ -15,6 +15,7 @@ use crate::pattern::KeepOut;
 use crate::report::calibration::{
     CALIBRATION_REPORT_VERSION, CalibrationReport, DotReport, WELL_MEASURED_DEG,
 };
+use crate::report::dot_set::DotSetReport;
 use crate::report::folder::{parsed, read_ball, report};
 use crate::stencil::StencilConfig;
 
@@ -28,6 +29,8 @@ pub struct CalibrationPage {
     keep_out: Vec<KeepOut>,
     /// Angle between a drawn dot's middle and its rim.
     dot_angle_rad: f64,
+    /// How good the dots are as a set, in words.
+    dot_set_words: Vec<String>,
     /// A dot whose standard deviation is larger needs more views, degrees.
     well_measured_deg: f64,
 }
@@ -54,6 +57,10 @@ impl CalibrationPage {
             compass_deg: report.dots.iter().map(DotReport::compass_deg).collect(),
             keep_out: ball.map_or(Vec::new(), |b| b.pattern().keep_out().to_vec()),
             dot_angle_rad: (0.5 * size.hole_diameter_mm / (0.5 * size.ball_diameter_mm)).asin(),
+            dot_set_words: report
+                .dot_set
+                .as_ref()
+                .map_or(Vec::new(), DotSetReport::words),
             well_measured_deg: WELL_MEASURED_DEG,
             report,
         })

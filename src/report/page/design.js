@@ -127,6 +127,8 @@ function ballSection(d) {
         for (const z of d.keep_out)
           if (times(v.turn, z.axis)[2] > 0.3)
             labels.push({ at: z.axis, text: "kept free", color: "--zone", size: 13 });
+      for (const place of d.added)
+        axes.lines.push(...ringLines(v, place.direction, 1.25 * angle, "--c2", false));
       return { reach: 1.12, ball, lines: axes.lines, labels: labels.concat(axes.labels) };
     },
     {
@@ -190,7 +192,7 @@ function ballSection(d) {
   node.append(
     turnable(view, {
       controls,
-      caption: `${seam}${zones}Frame of the pattern: x right, y up, z towards the viewer at the start.`,
+      caption: `${seam}${zones}${d.added.length ? "Green rings: dots to be drawn beside the others. " : ""}Frame of the pattern: x right, y up, z towards the viewer at the start.`,
       beside: [
         el("h3", { class: "screen-only", text: "Dot" }),
         info,

@@ -18,7 +18,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::recognize::paper::FeatureTree;
 use crate::report::folder::read_ball;
-use crate::report::{DesignReport, Seeds};
+use crate::report::{DesignReport, DotPlace, Seeds};
 use crate::stats::Proportion;
 use crate::stencil::StencilConfig;
 use crate::validate::{NamedValidation, SensitivityPoint};
@@ -60,6 +60,8 @@ pub struct DesignPage {
     command: Option<String>,
     seeds: Seeds,
     dots: Vec<[f64; 3]>,
+    /// Where those are to be drawn that come to drawn ones.
+    added: Vec<DotPlace>,
     ball_diameter_mm: f64,
     dot_diameter_mm: f64,
     keep_out: Vec<KeepOut>,
@@ -178,6 +180,7 @@ impl DesignPage {
             command: report.command,
             seeds: report.seeds,
             dots: report.pattern.dots,
+            added: report.added,
             keep_out: report.config.constraints.keep_out,
             bound: report.orientation_bound,
             validation: report.validation,

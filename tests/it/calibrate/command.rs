@@ -41,11 +41,28 @@ fn a_clip_gives_a_table_of_the_ball_as_drawn() {
         "report.html",
         "offsets.csv",
         "offsets.png",
+        "dots.png",
     ] {
         assert!(dir.join("ball").join(file).is_file(), "{file}");
     }
     let offsets = fs::read_to_string(dir.join("ball/offsets.csv")).unwrap();
     assert_eq!(offsets.lines().count(), 21);
+
+    // The set of dots: this clip's own views are easier than the hard ones, and what one more dot would do is said of
+    // trials of its own.
+    let set = &report["dot_set"];
+    let rate = |answers: &Value| answers["right"]["rate"].as_f64().unwrap();
+    let [clip, hard] = [&set["clip_answers"], &set["hard"]["answers"]].map(rate);
+    assert!(clip >= hard && hard > 0.9, "{clip} {hard}");
+    assert_eq!(set["hard"]["answers"]["right"]["trials"], 200);
+    let found = set["clip"]["detection"]["probability"].as_f64().unwrap();
+    assert!((0.7..=1.0).contains(&found), "{found}");
+    if let Some(next) = set["hard"]["next_dot"].as_object() {
+        assert_eq!(next["gain"]["trials"], 400);
+        assert_ne!(next["seed"], set["hard"]["seed"]);
+    }
+    let page = fs::read_to_string(dir.join("ball/report.html")).unwrap();
+    assert!(page.contains("in hard views (noise 5.0 deg"));
     let table = Ball::read_npz(&dir.join("ball/table.npz")).unwrap();
     assert_eq!(table.meta().format_version, 2);
     let drawn = spindoe::Pattern::read_csv(&dir.join("drawn.csv")).unwrap();

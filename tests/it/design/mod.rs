@@ -1,7 +1,9 @@
 //! Tests of the stage `design`.
 
+mod added;
 mod confusion;
 mod coverage;
+mod dot_set;
 mod objectives;
 mod orientation_bound;
 mod search;
