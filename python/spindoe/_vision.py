@@ -40,7 +40,7 @@ class CircleSettings(TypedDict):
     """What is accepted as a ball; all of it, where some is set."""
 
     min_radius_px: float
-    """Minimum radius, pixels; 8."""
+    """Minimum radius, pixels; 8. Where no ball is found in a small image, smaller ones are looked for, down to five eighths of that."""
     max_radius: float
     """Largest radius as a multiple of the image's longer side; 0.75."""
     min_support: float

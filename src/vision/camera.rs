@@ -212,6 +212,20 @@ impl BallView {
         })
     }
 
+    /// The same camera's view of another outline.
+    ///
+    /// # Errors
+    /// As [`BallView::new`].
+    pub(super) fn at(&self, circle: BallCircle) -> Result<Self> {
+        let camera = match self.projection {
+            Projection::Central {
+                inverse_distance, ..
+            } => Camera::Near { inverse_distance },
+            Projection::Perspective { intrinsics, .. } => Camera::Perspective(intrinsics),
+        };
+        Self::new(&camera, circle)
+    }
+
     /// The ball's outline.
     pub fn circle(&self) -> &BallCircle {
         &self.circle

@@ -37,6 +37,8 @@ const INVERSE_DISTANCES: [f64; 2] = [0.04, 0.14];
 /// The best of these are improved, as far as none is next to a better one, of the pattern and of its mirror image each.
 const CONSIDERED: usize = 64;
 const IMPROVED: usize = 16;
+/// So many are considered where pixels are matched: their sums have broad peaks.
+const MANY: usize = 600;
 /// Next to each other, radians: 9 degrees.
 const BESIDE: f64 = 0.16;
 /// First and last step of the improvement, radians: 4 and 0.5 degrees.
@@ -46,6 +48,9 @@ const SHIFT: f64 = 0.04;
 const SCALE: f64 = 0.05;
 /// Orientations that differ by more are different answers, radians: 20 degrees.
 const DIFFERENT: f64 = 0.35;
+
+/// What a dot in each cell of a patch adds to the logarithm of a likelihood.
+pub(in crate::vision) type Terms = [f32; CELLS * CELLS];
 
 /// How likely each cell of a patch shows a dot: [`CELLS`] x [`CELLS`], rows from the top.
 #[derive(Debug, Clone, PartialEq)]
@@ -268,6 +273,34 @@ impl DenseMatcher {
         }
     }
 
+    /// Adds the best of the orientations tried that are not next to each other or to those that are there, up to so many
+    /// in all, for a camera at `1 / inverse_distance` radii.
+    pub(in crate::vision) fn starts(
+        &self,
+        terms: &Terms,
+        inverse_distance: f64,
+        count: usize,
+        ws: &mut DenseWorkspace,
+        starts: &mut Vec<Rotation>,
+    ) {
+        let by_score =
+            |a: &(f32, u32), b: &(f32, u32)| b.0.total_cmp(&a.0).then_with(|| a.1.cmp(&b.1));
+        let [far, near] = &self.tables;
+        let middle = 0.5 * (far.inverse_distance + near.inverse_distance);
+        let table = if inverse_distance < middle { far } else { near };
+        table.score_into(terms, &mut ws.scores);
+        ws.scores.select_nth_unstable_by(MANY, by_score);
+        let considered = &mut ws.scores[..MANY];
+        considered.sort_unstable_by(by_score);
+        for &(_, k) in &*considered {
+            let start = rotation(k as usize);
+            let is_beside = |r: &Rotation| r.angle_to(&start) < BESIDE;
+            if starts.len() < count && !starts.iter().any(is_beside) {
+                starts.push(start);
+            }
+        }
+    }
+
     /// The tables nearest to a distance.
     fn in_question(&self, inverse_distance: Option<f64>) -> &[Table] {
         let [far, near] = INVERSE_DISTANCES;
@@ -365,6 +398,11 @@ fn min_depth(inverse_distance: f64) -> f64 {
 fn on_plane(direction: &Vec3, k: f64) -> [f64; 2] {
     let scale = (1.0 - k * k).sqrt() / (1.0 - k * direction.z);
     [direction.x * scale, -direction.y * scale]
+}
+
+/// The place of a cell: to the right and down, radii.
+pub(in crate::vision) fn place(column: usize, row: usize) -> [f64; 2] {
+    [column, row].map(|k| (2.0 * k as f64 + 0.5 - MIDDLE) / RADIUS)
 }
 
 /// The column and row of a place, in cells.

@@ -36,6 +36,7 @@ pub mod smear;
 mod sums;
 mod tilt;
 pub mod verdict;
+mod whole;
 
 pub use blob::{BlobConfig, BlobDetector};
 pub use camera::{BallCircle, BallView, Camera, Pixel};

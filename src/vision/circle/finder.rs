@@ -12,6 +12,10 @@ use crate::vision::grid::Grid;
 /// Centers examined at each size and for each sign of the contrast: in crops, and in large images, where much
 /// else has edges.
 const CENTERS: (usize, usize) = (3, 16);
+/// The smallest radius that is voted for where no larger ball is found, pixels, and the smallest of a ball there over the minimum
+/// radius.
+const SMALLEST: usize = 5;
+const SMALLER: f64 = 0.625;
 /// Images with a longer side beyond this, pixels, are large.
 const LARGE: f64 = 320.0;
 /// A complete outline of this support ends the search where smaller images are left for balls below this part of
@@ -51,6 +55,8 @@ pub struct BallFinder {
     centers: Vec<Center>,
     unrolled: Unrolled,
     found: Vec<BallFit>,
+    /// The smallest radius of the search in hand, pixels.
+    min_radius: f64,
 }
 
 /// The ball in an image; see [`BallFinder::find`].
@@ -68,6 +74,7 @@ impl BallFinder {
     /// A finder with these settings.
     pub fn new(config: CircleConfig) -> Self {
         Self {
+            min_radius: config.min_radius_px,
             config,
             ..Self::default()
         }
@@ -80,6 +87,7 @@ impl BallFinder {
     pub fn find(&mut self, image: &GrayImage) -> Result<BallFit, NoBall> {
         self.found.clear();
         self.has_contrast = false;
+        self.min_radius = self.config.min_radius_px;
         self.search(image)
     }
 
@@ -166,6 +174,7 @@ impl BallFinder {
     ) -> Result<BallFit, NoBall> {
         self.found.clear();
         self.found.reserve(2 * 2 * NEAR_POLARITIES.len());
+        self.min_radius = self.config.min_radius_px;
         self.has_contrast = false;
         let mut support = self.fit_polarities(gray, rough);
         let is_whole = |b: &BallFit| b.support >= WHOLE && b.visible >= WHOLE;
@@ -344,6 +353,41 @@ impl BallFinder {
         level.checked_sub(1).map_or(image, |k| &self.halves[k])
     }
 
+    /// The ball in an image where there is none from the minimum radius on: one down to [`SMALLER`] times that.
+    ///
+    /// # Errors
+    /// A [`NoBall`] that says why there is none.
+    pub(crate) fn find_small(&mut self, image: &GrayImage) -> Result<BallFit, NoBall> {
+        self.found.clear();
+        self.has_contrast = false;
+        self.min_radius = SMALLER * self.config.min_radius_px;
+        self.found.reserve(2 * CENTERS.1);
+        let voted = SMALLEST..=vote::MIN;
+        let mut support = 0.0f64;
+        self.votes.look(image, std::iter::empty());
+        for polarity in NEAR_POLARITIES {
+            self.votes.cast(voted.clone(), polarity.sign());
+            self.votes.strongest(CENTERS.1, &mut self.centers);
+            for k in 0..self.centers.len() {
+                let (center, sign) = (self.centers[k], polarity.sign());
+                let rough = self.unrolled.radius(image, &center, voted.clone(), sign);
+                let Some((radius, _)) = rough else {
+                    continue;
+                };
+                let (u, v) = (center.u, center.v);
+                let rough = BallCircle::new(Pixel { u, v }, radius);
+                if let Some(fit) = self.refine(image, &rough, polarity) {
+                    support = support.max(fit.support);
+                    if fit.visible >= self.config.min_visible {
+                        self.remember(fit);
+                    }
+                }
+            }
+        }
+        sort_by_completeness(&mut self.found);
+        self.best().ok_or(NoBall::NoCircle { support })
+    }
+
     /// The circle around a center of a small image, fitted in a finer one; full-size pixels.
     fn fit(
         &mut self,
@@ -419,7 +463,7 @@ impl BallFinder {
             && fit.edge_width >= MIN_WIDTH * finest
             && fit.visible >= c.min_visible
             && fit.contrast.abs() >= c.min_contrast
-            && fit.circle.radius >= c.min_radius_px
+            && fit.circle.radius >= self.min_radius
     }
 
     /// Keeps a circle, once.

@@ -31,7 +31,8 @@ pub use finder::{BallFinder, find_ball};
 /// What is accepted as a ball.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CircleConfig {
-    /// Minimum radius, pixels: on smaller balls dots cannot be identified.
+    /// Minimum radius, pixels. Where nothing looks like a ball in a crop of up to 100 pixels, smaller ones are looked for,
+    /// down to five eighths of that.
     pub min_radius_px: f64,
     /// Largest radius as a multiple of the image's longer side.
     pub max_radius: f64,

@@ -103,7 +103,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// Gives detections the names of the expected dots next to them, the nearest first.
-    fn name_dots(
+    pub(super) fn name_dots(
         &self,
         view: &BallView,
         rotation: &Rotation,

@@ -433,7 +433,7 @@ pub(super) fn is_mirrored(frame: &FrameEstimate) -> bool {
 }
 
 /// A hint in the camera's frame, in the view frame.
-fn in_view(hint: &Hint, view: &BallView) -> Hint {
+pub(super) fn in_view(hint: &Hint, view: &BallView) -> Hint {
     let back = view.to_camera().inverse();
     let matrix = back.to_rotation_matrix();
     let matrix = matrix.matrix();

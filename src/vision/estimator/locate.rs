@@ -23,6 +23,8 @@ use crate::vision::net::outline::{OutlineNet, OutlineWorkspace};
 /// A ball fills a crop, of up to so many pixels, from this radius on, in longer sides.
 const FILLED: f64 = 0.38;
 const CROP: usize = 320;
+/// Balls below the minimum radius are looked for in crops of up to so many pixels: in large images too much else has small edges.
+const SMALL_CROP: usize = 100;
 /// An outline that the net knows worse than this, in radii, is none.
 const MAX_SIGMA: f64 = 0.06;
 /// Edges farther from the net's outline than this many deviations are those of something else.
@@ -144,6 +146,13 @@ impl Locator {
         };
         self.waiting[0] = Some(self.choose(gray, found, net)?);
         Ok(())
+    }
+
+    /// In a small crop where there is no outline, that of a ball below the minimum radius.
+    pub fn smaller(&mut self, gray: &GrayImage) -> Option<Candidate> {
+        let is_small = gray.width().max(gray.height()) <= SMALL_CROP;
+        let fit = is_small.then(|| self.finder.find_small(gray).ok())?;
+        fit.map(Candidate::from)
     }
 
     /// The edges' outline of a ball anywhere.

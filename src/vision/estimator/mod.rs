@@ -59,6 +59,7 @@ mod sharpen;
 mod smears;
 mod tracker;
 mod trust;
+mod whole;
 
 pub use super::outline::{Outline, OutlineSource};
 pub use batch::{
@@ -78,7 +79,9 @@ pub use sequence::{
 pub use sequence_view::SequenceView;
 pub use smears::SequenceSmears;
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
-pub use trust::{DENSE_FEATURES, DenseEvidence, FEATURES, PoseEvidence, TrustMap};
+pub use trust::{
+    DENSE_FEATURES, DenseEvidence, FEATURES, PoseEvidence, TrustMap, WHOLE_FEATURES, WholeEvidence,
+};
 
 use std::sync::OnceLock;
 
@@ -92,6 +95,7 @@ use super::detect::{DotDetection, DotDetector};
 use super::net::OutlineNet;
 use super::patch::Patch;
 use super::rim::RimFitter;
+use super::whole::{PlacedDot, WholeWorkspace};
 use crate::ball::Ball;
 use crate::error::Result;
 use crate::geometry::Vec3;
@@ -146,6 +150,8 @@ pub struct EstimatorWorkspace<W> {
     recognizer: RobustWorkspace,
     dense: DenseWorkspace,
     heat: Heat,
+    whole: WholeWorkspace,
+    placed: Vec<PlacedDot>,
     /// The dots handed to the recognizer, and their detections.
     observed: Vec<ObservedDot>,
     indices: Vec<usize>,
@@ -278,6 +284,8 @@ impl<D: DotDetector> Estimator<D> {
             recognizer: self.recognizers[0].workspace(),
             dense: DenseWorkspace::default(),
             heat: Heat::default(),
+            whole: WholeWorkspace::default(),
+            placed: Vec::with_capacity(EXPECTED_DOTS),
             observed: Vec::with_capacity(EXPECTED_DOTS),
             indices: Vec::with_capacity(EXPECTED_DOTS),
             matches: Vec::with_capacity(EXPECTED_DOTS),

@@ -24,6 +24,9 @@ use crate::vision::grid::Grid;
 
 /// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
 const MIN_LIKELY_DOTS: usize = 5;
+/// Least probability of a pose of a ball below the minimum radius. Of 45 such poses by dots that claim 0.85 to 0.95, 36 were right; of
+/// 134 by dots or pixels that claim more, 132 (small balls and, half as often, other things: 6 000 images, seed 71001).
+const SURE: f64 = 0.95;
 /// Poses from here on are all but certain.
 const CERTAIN: f64 = 0.99;
 
@@ -195,9 +198,10 @@ impl<D: DotDetector> Estimator<D> {
             return;
         };
         self.viewed(image, &part, level, ws, |crop, ws| {
-            if let Some(first) = self.begin_outlines(&crop, place, ws, out) {
+            let first = self.begin_outlines(&crop, place, ws, out);
+            if let Some(first) = &first {
                 out.standing = *standing;
-                self.try_outline(&crop, &first, hint, ws, out);
+                self.try_outline(&crop, first, hint, ws, out);
             }
             let mut other = std::mem::take(&mut ws.within);
             let net = self.outline_net.as_ref();
@@ -222,8 +226,34 @@ impl<D: DotDetector> Estimator<D> {
                     std::mem::swap(&mut other, out);
                 }
             }
+            if first.is_none() && matches!(place, Place::Within(_)) {
+                self.try_smaller(&crop, hint, ws, &mut other, out);
+            }
             ws.within = other;
         });
+    }
+
+    /// Tries a ball below the minimum radius, where nothing else looked like a ball; without a sure pose, nothing changes.
+    fn try_smaller(
+        &self,
+        crop: &Crop<'_>,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        other: &mut FrameEstimate,
+        out: &mut FrameEstimate,
+    ) {
+        if out.pose().is_some() || is_mirrored(out) || ws.spending.is_over() {
+            return;
+        }
+        let Some(candidate) = ws.locator.smaller(crop.gray) else {
+            return;
+        };
+        other.clear();
+        other.standing = Standing::Likely;
+        self.try_outline(crop, &candidate, hint, ws, other);
+        if other.pose().is_some_and(|p| p.confidence >= SURE) {
+            std::mem::swap(other, out);
+        }
     }
 
     /// Looks for outlines at a place; the likeliest, or why there is none.
@@ -279,6 +309,10 @@ impl<D: DotDetector> Estimator<D> {
         }
         if let Some(hint) = hint.filter(|_| !is_doubtful && !ws.spending.is_late()) {
             self.identify_expected(hint, ws, out);
+        }
+        let is_hopeless = is_doubtful && promise(out) < PROMISING;
+        if self.detector.looks_again() && !is_hopeless {
+            self.identify_whole(crop, hint, ws, out);
         }
     }
 
@@ -367,7 +401,7 @@ fn is_nearer(there: &FrameEstimate, so_far: &FrameEstimate, standing: Standing) 
 pub(super) fn is_evident(frame: &FrameEstimate) -> bool {
     let last = frame.hypotheses().next_back().map(|h| &h.evidence);
     let of_dots = |pose: &Pose| match last {
-        Some(evidence) if evidence.dense.is_none() => evidence.confidence,
+        Some(evidence) if evidence.is_of_detections() => evidence.confidence,
         Some(_) => pose.confidence,
         None => pose.confidence,
     };

@@ -24,6 +24,7 @@ mod residuals;
 mod robustness;
 mod rolling;
 mod sequences;
+mod small;
 mod smear;
 mod smear_clips;
 mod spin_coverage;
@@ -79,6 +80,8 @@ enum Command {
     Mirror(mirror::Args),
     /// How much the frames of a sequence help each other.
     Sequences(sequences::Args),
+    /// How small a ball may be.
+    Small(small::Args),
     /// What a frame costs that is answered, and one that is not.
     Cost(cost::Args),
     /// How long a frame takes, live.
@@ -142,6 +145,7 @@ fn main() -> Outcome {
         Command::Noise(args) => args.run(),
         Command::Mirror(args) => args.run(),
         Command::Sequences(args) => args.run(),
+        Command::Small(args) => args.run(),
         Command::Cost(args) => args.run(),
         Command::Latency(args) => args.run(),
         Command::SpinCoverage(args) => args.run(),

@@ -24,9 +24,9 @@ const FPS: f64 = 350.0;
 const WAYS: [&str; 2] = ["each alone", "two passes"];
 
 /// What became of a clip's frames after each pass, and how many were estimated again.
-type Passes = ([Vec<FrameOutcome>; 2], usize);
+pub type Passes = ([Vec<FrameOutcome>; 2], usize);
 
-fn clip(
+pub fn clip(
     estimator: &Estimator<NamedDetector>,
     config: &SynthConfig,
     drift_px: Option<[f64; 2]>,

@@ -15,6 +15,7 @@ mod outline;
 mod pipe;
 mod rolling;
 mod sequence;
+mod small;
 mod smear;
 mod tracker;
 mod window;

@@ -293,7 +293,7 @@ pub fn fitting_answers(trust: TrustMap, images: u64, seed: u64) -> Result<Vec<Ju
         a.earlier.into_iter().chain([last])
     };
     let is_plausible =
-        |a: &Judged| a.evidence.dense.is_some() || a.evidence.confidence >= MIN_CONFIDENCE;
+        |a: &Judged| !a.evidence.is_of_detections() || a.evidence.confidence >= MIN_CONFIDENCE;
     Ok(all
         .into_iter()
         .flat_map(both)

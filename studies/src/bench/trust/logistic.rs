@@ -18,7 +18,7 @@ pub fn fit(answers: &[Judged], without: &[usize]) -> TrustMap {
     let by_detections = weights::<{ FEATURES + 1 }>(answers, |evidence| {
         let mut features = evidence.features();
         without.iter().for_each(|&k| features[k] = 0.0);
-        evidence.dense.is_none().then_some(features.to_vec())
+        evidence.is_of_detections().then_some(features.to_vec())
     });
     let dense = weights::<{ DENSE_FEATURES + 1 }>(answers, |evidence| {
         evidence.dense_features().map(|f| f.to_vec())
@@ -33,7 +33,7 @@ pub fn fit(answers: &[Judged], without: &[usize]) -> TrustMap {
 }
 
 /// Constant and weights for the answers that have these features.
-fn weights<const SIZE: usize>(
+pub fn weights<const SIZE: usize>(
     answers: &[Judged],
     features: impl Fn(&PoseEvidence) -> Option<Vec<f64>>,
 ) -> [f64; SIZE] {
