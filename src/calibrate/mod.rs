@@ -72,7 +72,9 @@ pub use holdout::{
 pub use identify::identify_frames;
 pub use presence::MIN_EXPECTED_VIEWS;
 pub use result::{CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark};
-pub use unknown::{BuiltPattern, UnknownRejection, build_pattern, matching_design};
+pub use unknown::{
+    BuiltPattern, SurfaceObserver, UnknownRejection, build_pattern, confirmed, matching_design,
+};
 
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;

@@ -7,8 +7,8 @@ use clap::Args;
 use super::images::{ImageArguments, order_warning, read_balls};
 use crate::ball::Ball;
 use crate::calibrate::{
-    BuiltPattern, Calibration, CalibrationConfig, DotState, build_pattern, calibrate,
-    identify_frames, matching_design,
+    BuiltPattern, Calibration, CalibrationConfig, DotState, SurfaceObserver, build_pattern,
+    calibrate, confirmed, identify_frames, matching_design,
 };
 use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
@@ -20,6 +20,7 @@ use crate::report::calibration::{
     FILES, evaluate_calibration,
 };
 use crate::validate::check_samples;
+use crate::vision::albedo::Albedo;
 use crate::vision::estimator::{BatchConfig, SequenceOutcome, estimate_inputs};
 use crate::vision::{Estimator, EstimatorConfig, FrameEstimate};
 
@@ -128,6 +129,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let times = clip.times_s.as_deref();
     let calibration =
         calibrate(nominal, &clip.frames, times, &config)?.map_err(|r| arguments.no_answer(&r))?;
+    if clip.path.is_none() {
+        confirmed(&calibration).map_err(|r| arguments.no_answer(&r))?;
+    }
     errln!("judging the calibration on frames that take no part, and by Monte Carlo");
     let evaluation = CalibrationEvaluationConfig {
         samples: arguments.samples,
@@ -193,11 +197,28 @@ impl Arguments {
         }
     }
 
-    /// Reads the clip with the first ball, and identifies its frames with the one that fits.
+    /// Reads the clip, and identifies its frames with the ball that fits.
     fn read(&self, balls: Vec<Ball>, config: &CalibrationConfig) -> Result<Clip> {
-        let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
-        let pattern = balls.first().map_or(&stand_in, Ball::pattern);
-        let estimator = Estimator::new(pattern, config.estimator, self.images.detector()?)?;
+        let (ball, path) = match self.is_unknown() {
+            true => self.unknown_ball(balls, config)?,
+            false => return self.best_ball(balls, config),
+        };
+        let (frames, times_s) = self.estimate(&ball, config)?;
+        Ok(Clip {
+            ball,
+            path,
+            frames,
+            times_s,
+        })
+    }
+
+    /// The frames with their times.
+    fn estimate(
+        &self,
+        ball: &Ball,
+        config: &CalibrationConfig,
+    ) -> Result<(Vec<FrameEstimate>, Option<Vec<f64>>)> {
+        let estimator = Estimator::for_ball(ball, config.estimator, self.images.detector()?)?;
         let batch = estimate_inputs(&estimator, &self.clip, &self.batch()?, &())?;
         if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
             errln!("spindoe: the times do not increase from frame to frame: they are not used");
@@ -209,36 +230,34 @@ impl Arguments {
             errln!("spindoe: {warning}");
         }
         let times_s = batch.times_s();
-        let frames: Vec<FrameEstimate> = batch.frames.into_iter().map(|f| f.estimate).collect();
-        let (ball, path, frames) = if self.is_unknown() {
-            self.unknown_ball(balls, &frames, config)?
-        } else {
-            self.best_ball(balls, frames, config)?
-        };
-        Ok(Clip {
-            ball,
-            path,
-            frames,
+        Ok((
+            batch.frames.into_iter().map(|f| f.estimate).collect(),
             times_s,
-        })
+        ))
     }
 
-    /// The ball that fits the frames best. They come identified with the first.
-    fn best_ball(
-        &self,
-        balls: Vec<Ball>,
-        frames: Vec<FrameEstimate>,
-        config: &CalibrationConfig,
-    ) -> Result<(Ball, Option<PathBuf>, Vec<FrameEstimate>)> {
+    /// The frames with the ball that fits them best.
+    fn best_ball(&self, balls: Vec<Ball>, config: &CalibrationConfig) -> Result<Clip> {
         let mut balls = balls.into_iter().zip(&self.table);
         let (ball, path) = balls
             .next()
             .ok_or_else(|| Error::argument("table", "expected a table"))?;
-        let mut best = (ball, Some(path.clone()), frames);
+        let (frames, times_s) = self.estimate(&ball, config)?;
+        let mut best = Clip {
+            ball,
+            path: Some(path.clone()),
+            frames,
+            times_s,
+        };
         for (ball, path) in balls {
-            let frames = identify_frames(&ball, &config.estimator, &best.2)?;
-            if trust(&frames) > trust(&best.2) {
-                best = (ball, Some(path.clone()), frames);
+            let frames = identify_frames(&ball, &config.estimator, &best.frames)?;
+            if trust(&frames) > trust(&best.frames) {
+                best = Clip {
+                    ball,
+                    path: Some(path.clone()),
+                    frames,
+                    ..best
+                };
             }
         }
         Ok(best)
@@ -248,13 +267,22 @@ impl Arguments {
     fn unknown_ball(
         &self,
         balls: Vec<Ball>,
-        frames: &[FrameEstimate],
         config: &CalibrationConfig,
-    ) -> Result<(Ball, Option<PathBuf>, Vec<FrameEstimate>)> {
+    ) -> Result<(Ball, Option<PathBuf>)> {
+        let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
+        let estimator = Estimator::new(&stand_in, config.estimator, self.images.detector()?)?;
+        let settings = SurfaceObserver::settings(self.batch()?);
+        let batch = estimate_inputs(&estimator, &self.clip, &settings, &SurfaceObserver)?;
+        let (frames, albedos): (Vec<FrameEstimate>, Vec<Albedo>) = batch
+            .frames
+            .into_iter()
+            .map(|f| (f.estimate, f.kept))
+            .unzip();
         let BuiltPattern {
             pattern: built,
             blind,
-        } = build_pattern(frames, self.dots, config)?.map_err(|r| self.no_answer(&r))?;
+        } = build_pattern(&frames, Some(&albedos), self.dots, config)?
+            .map_err(|r| self.no_answer(&r))?;
         if blind > 0.0 && self.dots.is_none() {
             errln!(
                 "spindoe: {:.1} % of the ball hardly faced the camera, and a dot there would be missed: {} dots were \
@@ -266,12 +294,10 @@ impl Arguments {
         let designs: Vec<Pattern> = balls.iter().map(|b| b.pattern().clone()).collect();
         let known = matching_design(&built, &designs)?
             .and_then(|k| Some((balls.into_iter().nth(k)?, self.table[k].clone())));
-        let (ball, path) = match known {
+        Ok(match known {
             Some((ball, path)) => (ball, Some(path)),
             None => (Ball::new(built), None),
-        };
-        let frames = identify_frames(&ball, &config.estimator, frames)?;
-        Ok((ball, path, frames))
+        })
     }
 }
 

@@ -55,6 +55,8 @@ pub struct Patch {
     values: Vec<f32>,
     circle: BallCircle,
     framing: Framing,
+    /// Mean and standard deviation over the ball before the values were scaled.
+    levels: [f32; 2],
 }
 
 impl Default for Patch {
@@ -71,6 +73,7 @@ impl Patch {
             values: vec![0.0; SIZE * SIZE],
             circle: BallCircle::new(Pixel::default(), framing.radius),
             framing,
+            levels: [0.0, 1.0],
         }
     }
 
@@ -129,6 +132,7 @@ impl Patch {
         let count = count.max(1.0);
         let mean = sum / count;
         let spread = ((squares / count - mean * mean).max(0.0).sqrt() as f32).max(MIN_SPREAD);
+        self.levels = [mean as f32, spread];
         for value in &mut self.values {
             *value = if value.is_nan() {
                 0.0
@@ -141,6 +145,11 @@ impl Patch {
     /// The values, row after row from the top.
     pub fn values(&self) -> &[f32] {
         &self.values
+    }
+
+    /// The brightness of a value 0, and that of a difference of 1.
+    pub fn levels(&self) -> [f32; 2] {
+        self.levels
     }
 
     /// The circle that was cut out.
@@ -158,6 +167,15 @@ impl Patch {
         Pixel {
             u: self.circle.center.u + self.step() * (column - MIDDLE),
             v: self.circle.center.v + self.step() * (row - MIDDLE),
+        }
+    }
+
+    /// Where a position in the image lies in the patch for dots of a ball within `circle`: (column as u, row as v).
+    pub fn place(circle: &BallCircle, pixel: Pixel) -> Pixel {
+        let step = circle.radius / Framing::DOTS.radius;
+        Pixel {
+            u: MIDDLE + (pixel.u - circle.center.u) / step,
+            v: MIDDLE + (pixel.v - circle.center.v) / step,
         }
     }
 

@@ -1,6 +1,7 @@
 //! What several measuring programs share: sets of frames, scoring, and tables.
 
 pub mod frames;
+pub mod hand;
 pub mod noise;
 pub mod pictures;
 pub mod ranks;

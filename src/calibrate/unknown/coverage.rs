@@ -1,10 +1,14 @@
 //! Whether a map is a pattern: most frames hang together, and they show the whole ball.
 
 use super::map::{Map, NEW_DEPTH};
+use super::marks::marks;
+use super::surface::Surface;
 use super::{BuiltPattern, MIN_VIEWS, UnknownRejection};
+use crate::calibrate::bundle::Bundle;
 use crate::calibrate::result::rms_sigma_rad;
 use crate::geometry::{Vec3, spiral_directions};
 use crate::pattern::{MIN_DOTS, Pattern};
+use crate::stats::median;
 
 /// Depth from which a view faces a place well enough for a dot there to be taken in.
 pub(super) const FACING: f64 = NEW_DEPTH;
@@ -21,16 +25,20 @@ const PLACES: usize = 400;
 /// Share of the places that may lack views: of twenty dots six in ten hide none there. Where the number of
 /// dots is known and found, none hides, and more may.
 const MAX_BLIND: f64 = 0.03;
+/// A dot shows where a view shows the surface so near its middle, radii.
+const SHOWS: f64 = 0.7;
+/// Fits once the dots are known.
+const LAST_ROUNDS: usize = 2;
 const MAX_BLIND_COUNTED: f64 = 0.15;
 
 impl Map<'_> {
     /// The pattern, or what is missing for one.
     pub fn finish(
         mut self,
+        surface: Option<&Surface>,
         rich: usize,
         expected: Option<usize>,
     ) -> std::result::Result<BuiltPattern, UnknownRejection> {
-        let fitted = self.fit();
         let placed = self.count();
         if (placed as f64) < MIN_PLACED * rich as f64 || placed < self.config.min_frames {
             return Err(UnknownRejection::Disconnected {
@@ -42,6 +50,33 @@ impl Map<'_> {
         if explained < MIN_EXPLAINED {
             return Err(UnknownRejection::Contradictory { explained });
         }
+        let Some(surface) = surface else {
+            return self.finish_by_detections(expected);
+        };
+        let marks = marks(surface);
+        let discs = marks.iter().filter(|m| m.is_disc());
+        let mut radii: Vec<f64> = discs.map(|m| m.radius).collect();
+        let blind = surface.unseen(SHOWS * median(&mut radii));
+        self.keep_dots(&marks, blind, expected)?;
+        let mut fitted = self.fit();
+        for _ in 0..LAST_ROUNDS {
+            self.rename();
+            fitted = self.fit();
+        }
+        let dots = self.faint();
+        if dots > 0 {
+            return Err(UnknownRejection::TooFaint { dots });
+        }
+        let names: Vec<usize> = (0..self.dots.len()).collect();
+        self.pattern_of(&names, &fitted, blind)
+    }
+
+    /// The same where nothing is known of the surface.
+    fn finish_by_detections(
+        mut self,
+        expected: Option<usize>,
+    ) -> std::result::Result<BuiltPattern, UnknownRejection> {
+        let fitted = self.fit();
         let blind = self.blind();
         let names = self.like_dots(&self.established(), expected);
         let found = names.len();
@@ -55,6 +90,17 @@ impl Map<'_> {
         if let Some(expected) = expected.filter(|n| *n != found) {
             return Err(UnknownRejection::WrongNumber { expected, found });
         }
+        self.pattern_of(&names, &fitted, blind)
+    }
+
+    /// These dots as a pattern, where the places of all are known well.
+    fn pattern_of(
+        &self,
+        names: &[usize],
+        fitted: &Bundle,
+        blind: f64,
+    ) -> std::result::Result<BuiltPattern, UnknownRejection> {
+        let found = names.len();
         if found < MIN_DOTS {
             return Err(UnknownRejection::NoPattern { found });
         }
@@ -81,7 +127,7 @@ impl Map<'_> {
         for (frame, placed) in self.frames.iter().zip(&self.placed) {
             let Some(placed) = placed else { continue };
             for (dot, name) in frame.dots.iter().zip(&placed.names) {
-                if dot.depth >= FACING {
+                if dot.is_likely && dot.depth >= FACING {
                     facing += 1;
                     named += usize::from(name.is_some());
                 }

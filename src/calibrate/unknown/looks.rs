@@ -33,7 +33,7 @@ impl Map<'_> {
 
     /// The detector's mean probability of a dot at this place of the map, over the views that it faces:
     /// at the limb dots are doubted too. `None` where there are hardly any.
-    fn probability(&self, j: usize) -> Option<f64> {
+    pub fn probability(&self, j: usize) -> Option<f64> {
         let (mut sum, mut views) = (0.0, 0usize);
         for (frame, placed) in self.frames.iter().zip(&self.placed) {
             let Some(placed) = placed else { continue };

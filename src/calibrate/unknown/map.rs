@@ -96,10 +96,14 @@ impl<'a> Map<'a> {
         seed: usize,
     ) -> Self {
         let dots = &frames[seed].dots;
+        let mut begun: Vec<Option<usize>> = vec![None; dots.len()];
+        for (name, (i, _)) in frames[seed].likely().enumerate() {
+            begun[i] = Some(name);
+        }
         let mut placed = vec![None; frames.len()];
         placed[seed] = Some(Placed {
             rotation: Rotation::identity(),
-            names: (0..dots.len()).map(Some).collect(),
+            names: begun.clone(),
         });
         let begin = |d: &SeenDot| MapDot {
             // What the first frame shows must serve until others are placed.
@@ -110,7 +114,7 @@ impl<'a> Map<'a> {
             frames: frames.to_vec(),
             estimates,
             config,
-            dots: dots.iter().map(begin).collect(),
+            dots: frames[seed].likely().map(|(_, d)| begin(d)).collect(),
             placed,
             tried: vec![None; frames.len()],
             ahead_sigma_rad: AHEAD_SIGMAS_RAD[1],
@@ -216,9 +220,8 @@ impl<'a> Map<'a> {
     ) -> Option<Placed> {
         let frame = &self.frames[k];
         let observed: Vec<ObservedDot> = frame
-            .dots
-            .iter()
-            .map(|d| ObservedDot {
+            .likely()
+            .map(|(_, d)| ObservedDot {
                 direction: d.direction,
                 uncertainty: DotUncertainty::Isotropic {
                     sigma_rad: d.sigma_rad,
@@ -226,13 +229,15 @@ impl<'a> Map<'a> {
             })
             .collect();
         let mut workspace = recognizer.workspace();
-        let placed = |found: &Identification| Placed {
-            rotation: found.rotation,
-            names: found
-                .assignment
-                .iter()
-                .map(|name| name.map(|j| names[usize::from(j)]))
-                .collect(),
+        let placed = |found: &Identification| {
+            let mut named = vec![None; frame.dots.len()];
+            for ((i, _), name) in frame.likely().zip(&found.assignment) {
+                named[i] = name.map(|j| names[usize::from(j)]);
+            }
+            Placed {
+                rotation: found.rotation,
+                names: named,
+            }
         };
         for (hint, least) in self.hints(k) {
             if let Ok(explanations) = recognizer.explain(&observed, Some(&hint), &mut workspace) {
@@ -302,7 +307,7 @@ impl<'a> Map<'a> {
             }
             if let Some(j) = *name {
                 self.dots[j].add(dot, &at);
-            } else if dot.depth >= NEW_DEPTH && nearest.is_none() {
+            } else if dot.is_likely && dot.depth >= NEW_DEPTH && nearest.is_none() {
                 *name = Some(self.dots.len());
                 self.dots.push(MapDot::first(dot, at));
             }
@@ -319,7 +324,7 @@ impl<'a> Map<'a> {
             let back = placed.rotation.inverse();
             for (dot, name) in frame.dots.iter().zip(&placed.names) {
                 let at = back * dot.direction;
-                if name.is_some() {
+                if name.is_some() || !dot.is_likely {
                     continue;
                 }
                 match self.nearest(&at, APART_RAD) {

@@ -6,26 +6,37 @@
 //! ([`super::bundle`]); places that turn out the same when the ball comes around are merged, which closes
 //! the loop; dots that are not found where they should be leave the map.
 //!
+//! What is a dot is then decided on the ball's whole surface as all frames show it ([`surface`], [`marks`], [`kinds`]).
+//!
 //! # What is promised
-//! A pattern only where most frames hang together and the clip shows the whole ball; else what is missing
-//! ([`UnknownRejection`]). What is not: the pattern's own frame, which is that of the first map. Marks that
-//! look less like dots than the others do are left out; marks that look alike are dots.
+//! A pattern only where most frames hang together, the clip shows the whole ball, and surface and detector agree on what is a dot; else
+//! what is missing ([`UnknownRejection`]). What is not: the pattern's own frame, which is that of the first map. How often it is wrong
+//! all the same is measured (`bench calibration-unknown`).
 
 mod coverage;
 mod design;
+mod kinds;
 mod looks;
 mod map;
+mod marks;
 mod seen;
+mod surface;
 mod tidy;
 
 use super::config::CalibrationConfig;
+use super::result::{Calibration, DotState};
 use crate::error::Result;
+use crate::image::RgbImage;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::vision::FrameEstimate;
+use crate::vision::albedo::{Albedo, AlbedoMaker};
+use crate::vision::estimator::{BatchConfig, BatchObserver};
+use crate::vision::{Budget, Outline};
 
 pub use design::matching_design;
 use map::Map;
 use seen::Seen;
+use surface::Surface;
 
 /// Minimum number of dots of a frame that begins a map.
 const MIN_SEED: usize = 5;
@@ -37,6 +48,37 @@ const ESTABLISHED: usize = 3;
 const PLACED: f64 = 0.9;
 /// Views that each place of the ball must have.
 const MIN_VIEWS: usize = ESTABLISHED;
+
+/// What [`build_pattern`] is given of a clip.
+#[derive(Debug, Clone, Copy)]
+pub struct SurfaceObserver;
+
+impl SurfaceObserver {
+    /// Settings under which detections are found and no pose is looked for, which is all that is needed.
+    pub fn settings(batch: BatchConfig) -> BatchConfig {
+        BatchConfig {
+            independent: true,
+            budget: Budget {
+                runs: 1,
+                ..Budget::default()
+            },
+            ..batch
+        }
+    }
+}
+
+/// Keeps what is drawn on the ball.
+impl BatchObserver for SurfaceObserver {
+    type Kept = Albedo;
+
+    fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<Albedo> {
+        let take = |outline: Outline| {
+            let mut maker = AlbedoMaker::default();
+            maker.take(&image.to_gray(), &outline.circle)
+        };
+        Ok(estimate.outline.map(take).unwrap_or_default())
+    }
+}
 
 /// A pattern built from a clip alone.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,6 +123,43 @@ pub enum UnknownRejection {
         /// Share of the ball's surface.
         blind: f64,
     },
+    /// Marks that may be dots or print.
+    #[error(
+        "{doubtful} marks may be dots or print, beside {sure} that are dots: count the dots on the ball and give \
+         their number (--dots)"
+    )]
+    Doubtful {
+        /// Marks that are dots.
+        sure: usize,
+        /// Marks that may be.
+        doubtful: usize,
+    },
+    /// Marks that hardly face the camera.
+    #[error(
+        "too static a clip: {dots} marks that may be dots never face the camera; turn their side of the ball to it"
+    )]
+    TurnedAway {
+        /// Number of these marks.
+        dots: usize,
+    },
+    /// Dots that were found and are not confirmed when the clip is estimated with them.
+    #[error(
+        "{dots} of {found} dots are seen too seldom: turn every side of the ball to the camera, for longer"
+    )]
+    Unconfirmed {
+        /// Number of these dots.
+        dots: usize,
+        /// Dots found.
+        found: usize,
+    },
+    /// Dots that the detector rarely finds.
+    #[error(
+        "{dots} dots are too faint or too small to be found in most frames: draw them larger and darker"
+    )]
+    TooFaint {
+        /// Number of these dots.
+        dots: usize,
+    },
     /// Frames that hang together contradict each other.
     #[error(
         "the frames contradict each other: {:.0} % of the dots that they show are where one ball has its dots \
@@ -117,14 +196,28 @@ pub enum UnknownRejection {
     },
 }
 
-/// Builds the pattern of the ball in a clip from its detections; the poses of the estimates do not matter.
-/// `expected_dots` is the number of dots, where it is known: of more places that are found, the likeliest
-/// are taken.
+/// Whether a calibration of a built pattern confirms all its dots.
+///
+/// # Errors
+/// [`UnknownRejection::Unconfirmed`] where it does not.
+pub fn confirmed(calibration: &Calibration) -> std::result::Result<(), UnknownRejection> {
+    let lost = calibration.count(DotState::Missing) + calibration.count(DotState::Unseen);
+    let (dots, found) = (lost, calibration.dots.len());
+    match dots {
+        0 => Ok(()),
+        _ => Err(UnknownRejection::Unconfirmed { dots, found }),
+    }
+}
+
+/// Builds the pattern of the ball in a clip from its detections; the poses of the estimates do not matter. `albedos` are what the frames
+/// show of the ball's surface, one a frame; without them, detections alone say what is a dot. `expected_dots` is the number of dots,
+/// where it is known.
 ///
 /// # Errors
 /// [`crate::Error::Argument`] for settings outside their domains.
 pub fn build_pattern(
     estimates: &[FrameEstimate],
+    albedos: Option<&[Albedo]>,
     expected_dots: Option<usize>,
     config: &CalibrationConfig,
 ) -> Result<std::result::Result<BuiltPattern, UnknownRejection>> {
@@ -135,7 +228,7 @@ pub fn build_pattern(
         .filter_map(|(k, estimate)| Seen::new(k, estimate, &config.estimator.camera))
         .collect();
     let rich: Vec<usize> = (0..frames.len())
-        .filter(|&k| frames[k].dots.len() >= MIN_SEED)
+        .filter(|&k| frames[k].likely().count() >= MIN_SEED)
         .collect();
     let (found, needed) = (rich.len(), 2 * config.min_frames);
     if found < needed {
@@ -158,15 +251,20 @@ pub fn build_pattern(
     let Some(map) = best else {
         return Ok(Err(UnknownRejection::TooFewFrames { found, needed }));
     };
-    Ok(map.finish(rich.len(), expected_dots))
+    let surface = albedos.map(|a| Surface::new(&map, a)).transpose()?;
+    Ok(map.finish(surface.as_ref(), rich.len(), expected_dots))
 }
 
 /// Frames to begin with: rich in dots, spread over the clip.
 fn seeds(frames: &[Seen], rich: &[usize]) -> Vec<usize> {
     let parts = rich.chunks(rich.len().div_ceil(SEEDS));
     let mut seeds: Vec<usize> = parts
-        .filter_map(|part| part.iter().copied().max_by_key(|&k| frames[k].dots.len()))
+        .filter_map(|part| {
+            part.iter()
+                .copied()
+                .max_by_key(|&k| frames[k].likely().count())
+        })
         .collect();
-    seeds.sort_by_key(|&k| std::cmp::Reverse(frames[k].dots.len()));
+    seeds.sort_by_key(|&k| std::cmp::Reverse(frames[k].likely().count()));
     seeds
 }

@@ -1,11 +1,11 @@
-//! What a frame shows: the detections that are likely dots and face the camera.
+//! What a frame shows: the detections that face the camera.
 
 use crate::calibrate::bundle::FrameView;
 use crate::geometry::Vec3;
 use crate::recognize::DotUncertainty;
 use crate::vision::DotDetection;
 use crate::vision::FrameEstimate;
-use crate::vision::camera::BallView;
+use crate::vision::camera::{BallView, Pixel};
 use crate::vision::detect::LIKELY_DOT;
 use crate::vision::estimator::{CameraModel, Outline};
 
@@ -31,6 +31,8 @@ pub(super) struct SeenDot {
     pub direction: Vec3,
     pub depth: f64,
     pub sigma_rad: f64,
+    /// Whether it is more likely a dot than not: others are named where the map has a dot, and nothing is built on them.
+    pub is_likely: bool,
 }
 
 impl Seen {
@@ -38,15 +40,19 @@ impl Seen {
         let outline = estimate.outline?;
         let view = BallView::new(&camera.at(None), outline.circle).ok()?;
         let view = FrameView::of(view);
-        let likely = estimate.dots.iter().enumerate();
-        let likely = likely.filter(|(_, dot)| dot.probability >= LIKELY_DOT);
-        let dots = likely.filter_map(|(k, dot)| see(&view, k, dot));
+        let dots = estimate.dots.iter().enumerate();
+        let dots = dots.filter_map(|(k, dot)| see(&view, k, dot));
         Some(Self {
             index,
             outline,
             dots: dots.filter(|dot| dot.depth >= MIN_DEPTH).collect(),
             view,
         })
+    }
+
+    /// Its detections that are likely dots, with their places in `dots`.
+    pub fn likely(&self) -> impl Iterator<Item = (usize, &SeenDot)> {
+        self.dots.iter().enumerate().filter(|(_, d)| d.is_likely)
     }
 
     /// The same detections, seen as `view` says now.
@@ -57,6 +63,11 @@ impl Seen {
             // What is no more on the ball stays where it was.
             *dot = again.unwrap_or(*dot);
         }
+    }
+
+    /// Where a direction of the camera's frame is seen.
+    pub fn pixel(&self, direction: &Vec3) -> Pixel {
+        self.view.view.project(&(self.view.to_view * direction))
     }
 
     /// How far a direction of the camera's frame faces the camera: see [`FrameView::depth`].
@@ -76,6 +87,7 @@ fn see(frame: &FrameView, detection: usize, dot: &DotDetection) -> Option<SeenDo
         detection,
         direction,
         depth: frame.depth(&direction),
+        is_likely: dot.probability >= LIKELY_DOT,
         sigma_rad: (variance + BASE_SIGMA_RAD * BASE_SIGMA_RAD).sqrt(),
     })
 }

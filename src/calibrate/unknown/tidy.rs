@@ -129,15 +129,7 @@ impl Map<'_> {
 
     /// Whether a dot is found too seldom in the frames that face it.
     fn is_weak(&self, j: usize) -> bool {
-        let direction = self.dots[j].direction;
-        let (mut views, mut found) = (0usize, 0usize);
-        for (frame, placed) in self.frames.iter().zip(&self.placed) {
-            let Some(placed) = placed else { continue };
-            if frame.depth(&(placed.rotation * direction)) >= FACING {
-                views += 1;
-                found += usize::from(placed.names.contains(&Some(j)));
-            }
-        }
+        let (found, views) = self.rate(j);
         views >= ESTABLISHED && (found as f64) < MIN_RATE * views as f64
     }
 

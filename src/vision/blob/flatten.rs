@@ -40,14 +40,14 @@ struct Place {
 
 /// The ball's pixels and the functions of its surface there.
 #[derive(Debug, Clone)]
-pub(super) struct Shading {
+pub(in crate::vision) struct Shading {
     places: Vec<Place>,
     mask: Vec<f32>,
 }
 
 /// A flattened patch: positive is brighter than the surface, dots are negative.
 #[derive(Debug, Default)]
-pub(super) struct Flat {
+pub(in crate::vision) struct Flat {
     values: Vec<f32>,
     noise: f32,
     residuals: Vec<f32>,

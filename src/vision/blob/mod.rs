@@ -11,7 +11,7 @@
 //! Not guaranteed: that a blob is a dot. The detector finds dark spots, so a logo's letters are
 //! dots to it, and it assumes that dots are darker than the ball.
 
-mod flatten;
+pub(super) mod flatten;
 mod shape;
 
 use super::detect::{DotDetection, DotDetector};

@@ -58,6 +58,8 @@ pub struct BatchConfig {
     pub sequence: SequenceConfig,
     /// Whether frames stay independent of each other.
     pub independent: bool,
+    /// What may be spent on a frame in the first pass.
+    pub budget: Budget,
     /// Rolling shutter: time from the exposure of a picture's first row to that of its last, seconds; 0 for a global shutter. A frame's
     /// time is then that at which the ball is seen.
     pub readout_s: f64,
@@ -104,6 +106,7 @@ impl Default for BatchConfig {
             clock: FrameClock::default(),
             sequence: SequenceConfig::default(),
             independent: false,
+            budget: Budget::default(),
             readout_s: 0.0,
             mirrored: false,
             max_pixels: DEFAULT_MAX_PIXELS,
@@ -449,9 +452,9 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
             outline,
             ..Prior::default()
         };
-        let (budget, estimate) = (Budget::default(), &mut done.estimate);
+        let estimate = &mut done.estimate;
         self.estimator
-            .estimate(image, &prior, &budget, workspace, estimate);
+            .estimate(image, &prior, &self.config.budget, workspace, estimate);
         done.kept = self.keep(&picture, estimate)?;
         Ok((done, None))
     }

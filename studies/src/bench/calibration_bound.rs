@@ -383,7 +383,7 @@ fn build(seed: u64, k: u64, frames: usize) -> Outcome<(bool, f64)> {
     let mut noise = rng.clone();
     noise.set_stream(k + (1 << 32));
     let clip = clip(truth.dots(), frames, &unit_view()?, &mut rng, &mut noise);
-    let built = match build_pattern(&clip.frames, None, &CalibrationConfig::default())? {
+    let built = match build_pattern(&clip.frames, None, None, &CalibrationConfig::default())? {
         Ok(built) => built.pattern,
         Err(rejection) => {
             eprintln!("ball {k}, {dots} dots: {rejection}");

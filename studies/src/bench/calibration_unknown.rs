@@ -2,40 +2,33 @@
 //!
 //!     cargo run --release -p spindoe-studies -- calibration-unknown --help
 //!
-//! A ball has 12 to 24 dots at random, at least 0.35 rad apart, and turns as in `bench calibration`.
-//! With PLAIN = 1 there is nothing else on it; otherwise logos, seams and stains as in `SynthConfig::good`,
-//! which nothing tells from dots but their looks.
+//! The balls are those of `spindoe_studies::hand`: nothing but dots on them with --plain, otherwise logos, seams and stains as in
+//! `SynthConfig::good`. A clip is *whole* where its calibration has all dots that print does not hide and no others, each within
+//! 1 deg; *wrong* where it is answered and not whole; *complete* where its frames show 97 % of the ball.
 
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use std::collections::BTreeMap;
+
 use rayon::prelude::*;
-use spindoe::calibrate::{CalibrationConfig, build_pattern};
-use spindoe::geometry::{
-    Rotation, angle_between, random_direction, random_rotation, tangent_frame,
-};
-use spindoe::synth::{Scene, SynthConfig};
+use spindoe::calibrate::{CalibrationConfig, build_pattern, calibrate, confirmed};
+use spindoe::geometry::{angle_between, spiral_directions};
+use spindoe::synth::SynthConfig;
 use spindoe::validate::Proportion;
+use spindoe::vision::albedo::AlbedoMaker;
+use spindoe::vision::{Budget, FrameEstimate, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 use spindoe_studies::Outcome;
 use spindoe_studies::frames::{alone, estimator};
+use spindoe_studies::hand::HandClip;
 
-/// Revolutions of the ball in a clip, and frames per second.
-const TURNS: f64 = 4.0;
-const FPS: f64 = 30.0;
-/// A dot that faces the camera so far and is seen in fewer of these views is hidden by print.
-const FACING: f64 = 0.3;
-const HIDDEN: f64 = 0.3;
-/// Minimum separation of the dots, radians.
-const APART_RAD: f64 = 0.35;
+/// A clip that shows so much of the ball should be answered.
+const COMPLETE: f64 = 0.97;
+/// Dots of the pattern that stands in for the ball's.
+const STAND_IN_DOTS: usize = 20;
 
 /// What became of a clip.
 enum Built {
     Rejected(String),
     Pattern {
-        /// Dots of the ball.
-        dots: usize,
-        /// Those of them that print hides.
-        hidden: usize,
         /// Dots of the ball that can be seen and are not in the pattern.
         missed: usize,
         /// Dots of the pattern that are none of the ball's.
@@ -45,114 +38,159 @@ enum Built {
     },
 }
 
+impl Built {
+    fn is_whole(&self) -> bool {
+        matches!(self, Self::Pattern { missed: 0, invented: 0, worst_deg } if *worst_deg < 1.0)
+    }
+}
+
+/// A clip and what became of it.
+struct Judged {
+    words: String,
+    shown: f64,
+    built: Built,
+}
+
 /// What is asked for.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Balls.
+    /// Clips.
     #[arg(long, default_value_t = 20)]
-    balls: u64,
-    /// Seed of the balls.
+    clips: u64,
+    /// Number of the first clip.
+    #[arg(long, default_value_t = 0)]
+    first: u64,
+    /// Seed of the clips.
     #[arg(long, default_value_t = 17)]
     seed: u64,
-    /// Radius of the balls, pixels.
-    #[arg(long, default_value_t = 60.0)]
-    px: f64,
-    /// Frames of a clip.
-    #[arg(long, default_value_t = 160)]
-    frames: usize,
     /// Nothing but dots on the balls.
     #[arg(long)]
     plain: bool,
+    /// Give the number of the dots that can be seen.
+    #[arg(long)]
+    counted: bool,
+    /// A line for every clip.
+    #[arg(long)]
+    each: bool,
 }
 
 impl Args {
     pub fn run(&self) -> Outcome {
-        let (balls, seed, px, frames) = (self.balls, self.seed, self.px, self.frames);
         let looks = match self.plain {
             false => SynthConfig::good(),
             true => SynthConfig::good().unprinted(),
         };
-        let built: Result<Vec<Built>, String> = (0..balls)
+        let clips = self.first..self.first + self.clips;
+        let judged: Result<Vec<Judged>, String> = clips
             .into_par_iter()
-            .map(|k| one(&looks, seed, k, px, frames).map_err(|e| e.to_string()))
+            .map(|k| one(&looks, self.seed, k, self.counted).map_err(|e| e.to_string()))
             .collect();
-        let mut good = 0;
-        for (k, built) in built?.iter().enumerate() {
-            match built {
-                Built::Rejected(why) => println!("ball {k}: rejected: {why}"),
+        let judged = judged?;
+        let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
+        for (k, clip) in judged.iter().enumerate() {
+            let outcome = match &clip.built {
+                Built::Rejected(why) => {
+                    let reason = why.split(':').next().unwrap_or(why);
+                    *reasons.entry(reason).or_default() += 1;
+                    format!("refused: {why}")
+                }
+                built if built.is_whole() => "whole".to_owned(),
                 Built::Pattern {
-                    dots,
-                    hidden,
                     missed,
                     invented,
                     worst_deg,
                 } => {
-                    let whole = *missed == 0 && *invented == 0 && *worst_deg < 1.0;
-                    good += u64::from(whole);
-                    println!(
-                        "ball {k}: {dots} dots, {hidden} of them hidden by print, {missed} others missed, {invented} \
-                     invented, worst {worst_deg:.2} deg"
-                    );
+                    format!("WRONG: {missed} missed, {invented} invented, worst {worst_deg:.2} deg")
                 }
+            };
+            if self.each || outcome.starts_with("WRONG") {
+                let shown = 100.0 * clip.shown;
+                println!("clip {k}: {}, {shown:.1} % shown: {outcome}", clip.words);
             }
         }
+        for (reason, count) in &reasons {
+            println!("refused {count} times: {reason}");
+        }
+        let count = |is: &dyn Fn(&&Judged) -> bool| judged.iter().filter(is).count() as u64;
+        let complete = count(&|c| c.shown >= COMPLETE);
+        let whole = count(&|c| c.shown >= COMPLETE && c.built.is_whole());
+        let wrong = count(&|c| matches!(c.built, Built::Pattern { .. }) && !c.built.is_whole());
         println!(
-            "all dots that can be seen and no others, each within 1 deg: {}",
-            Proportion::new(good, balls)
+            "whole, of the complete clips: {}",
+            Proportion::new(whole, complete)
         );
+        println!(
+            "whole, of all: {}",
+            Proportion::new(count(&|c| c.built.is_whole()), self.clips)
+        );
+        println!("wrong, of all: {}", Proportion::new(wrong, self.clips));
         Ok(())
     }
 }
 
-fn one(looks: &SynthConfig, seed: u64, k: u64, px: f64, frames: usize) -> Outcome<Built> {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    rng.set_stream(k);
-    let count = rng.random_range(12..=24);
-    let mut dots: Vec<spindoe::geometry::Vec3> = Vec::new();
-    while dots.len() < count {
-        let dot = random_direction(&mut rng);
-        if dots.iter().all(|d| angle_between(d, &dot) > APART_RAD) {
-            dots.push(dot);
-        }
-    }
-    let truth = Pattern::new(dots)?;
-    let config = SynthConfig {
-        ball_px: Some([px; 2]),
-        ..looks.clone().as_designed()
-    };
-    let scene = Scene::random(&truth, &config, &mut rng)?;
-    let estimator = estimator(&truth)?;
-    let mut workspace = estimator.workspace();
-    let (mut rotation, mut axis) = (random_rotation(&mut rng), random_direction(&mut rng));
-    let about = tangent_frame(&axis)[0];
-    let step = TURNS * std::f64::consts::TAU / frames as f64;
-    let wander = Rotation::from_scaled_axis(about * (std::f64::consts::PI / frames as f64));
-    let mut estimates = Vec::with_capacity(frames);
-    let mut views = vec![[0usize; 2]; truth.len()];
-    for _ in 0..frames {
-        let mut view = scene.clone();
-        view.rotation = rotation;
-        view.spin = axis * (step * FPS);
-        view.exposure_s = 1e-3;
-        view.shift_px = [0.0; 2];
-        view.noise_seed = rng.random();
-        let seen = view.render()?;
-        for dot in seen.dots.iter().filter(|d| d.facing > FACING) {
-            views[dot.index][0] += 1;
-            views[dot.index][1] += usize::from(dot.is_visible());
-        }
-        estimates.push(alone(&estimator, &seen.image, &mut workspace));
-        rotation = Rotation::from_scaled_axis(axis * step) * rotation;
-        axis = wander * axis;
-    }
-    match build_pattern(&estimates, None, &CalibrationConfig::default())? {
+fn one(looks: &SynthConfig, seed: u64, k: u64, counted: bool) -> Outcome<Judged> {
+    let clip = HandClip::random(looks, seed, k)?;
+    let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
+    let detecting = estimator(&stand_in)?;
+    let mut workspace = detecting.workspace();
+    let mut estimates = Vec::with_capacity(clip.frames());
+    let mut albedos = Vec::with_capacity(clip.frames());
+    let mut maker = AlbedoMaker::default();
+    let shown = clip.show(|seen| {
+        let mut found = FrameEstimate::default();
+        let budget = Budget {
+            runs: 1,
+            ..Budget::default()
+        };
+        detecting.estimate(
+            &seen.image,
+            &Prior::default(),
+            &budget,
+            &mut workspace,
+            &mut found,
+        );
+        let outline = found.outline.map(|o| o.circle);
+        let albedo = outline.map(|circle| maker.take(&seen.image.to_gray(), &circle));
+        albedos.push(albedo.unwrap_or_default());
+        estimates.push(found);
+    })?;
+    let visible = shown.hidden.iter().filter(|h| !**h).count();
+    let config = CalibrationConfig::default();
+    let built = match build_pattern(
+        &estimates,
+        Some(&albedos),
+        counted.then_some(visible),
+        &config,
+    )? {
+        Err(rejection) => Built::Rejected(rejection.to_string()),
         Ok(built) => {
-            let is_hidden = |[facing, seen]: &[usize; 2]| (*seen as f64) < HIDDEN * *facing as f64;
-            let hidden: Vec<bool> = views.iter().map(is_hidden).collect();
-            judged(&built.pattern, &truth, &hidden)
+            let estimator = estimator(&built.pattern)?;
+            let mut workspace = estimator.workspace();
+            let mut frames = Vec::with_capacity(clip.frames());
+            clip.show(|seen| frames.push(alone(&estimator, &seen.image, &mut workspace)))?;
+            let times: Vec<f64> = (0..clip.frames()).map(|k| k as f64 / clip.fps).collect();
+            match calibrate(&built.pattern, &frames, Some(&times), &config)? {
+                Err(rejection) => Built::Rejected(rejection.to_string()),
+                Ok(calibration) => match confirmed(&calibration) {
+                    Err(rejection) => Built::Rejected(rejection.to_string()),
+                    Ok(()) => judged(&calibration.pattern()?, &clip.truth, &shown.hidden)?,
+                },
+            }
         }
-        Err(rejection) => Ok(Built::Rejected(format!("{count} dots: {rejection}"))),
-    }
+    };
+    Ok(Judged {
+        words: format!(
+            "{} dots of {:.3} rad, {} hidden, {:.0} px, {} frames at {} fps",
+            clip.truth.len(),
+            clip.dot_radius_rad,
+            shown.hidden.iter().filter(|h| **h).count(),
+            clip.ball_px,
+            clip.frames(),
+            clip.fps
+        ),
+        shown: shown.share,
+        built,
+    })
 }
 
 /// The built dots, named by the true ones.
@@ -192,8 +230,6 @@ fn judged(built: &Pattern, truth: &Pattern, hidden: &[bool]) -> Outcome<Built> {
         .collect();
     let missed = (0..truth.len()).filter(|j| !hidden[*j] && !named.contains(j));
     Ok(Built::Pattern {
-        dots: truth.len(),
-        hidden: hidden.iter().filter(|h| **h).count(),
         missed: missed.count(),
         invented,
         worst_deg: worst,

@@ -1,0 +1,291 @@
+//! Which marks of a ball are its dots.
+//!
+//! Two witnesses: the surface shows a steady disc, and the detector finds a dot there in the views that face it. Dots are of one pen:
+//! of one size and one darkness, within what a hand makes of it. Where both agree a mark is a dot, where neither sees one it is none,
+//! and between them it is *doubtful*. Where there is print, it may have discs too, and more is asked of a dot. A number of dots that
+//! is known decides for doubtful marks where all of them are needed, or none.
+
+use super::map::{Map, MapDot};
+use super::marks::Mark;
+use super::tidy::FACING;
+use super::{ESTABLISHED, MIN_VIEWS, UnknownRejection};
+use crate::geometry::{Vec3, angle_between};
+use crate::stats::median;
+use crate::vision::detect::LIKELY_DOT;
+
+/// A dot of the map so near a mark, radians or radii of the mark, is that mark; and one that is nearer than this is no other mark.
+const SAME: [f64; 2] = [0.09, 0.7];
+const BESIDE: f64 = 0.14;
+/// A detection so near a mark, radians, in a view that it faces so far, is that mark.
+const NEAR: f64 = 0.08;
+const FACES: f64 = 0.2;
+/// Radius and darkness over those of the middle dot, where nothing but dots is on the ball, and beside print.
+const ALONE: [[f64; 2]; 2] = [[0.45, 2.2], [0.25, 2.5]];
+const BESIDE_PRINT: [[f64; 2]; 2] = [[0.6, 1.5], [0.4, 1.7]];
+/// A mark that is shown by a smaller share of its views is a finger or a shadow.
+const STEADY: f64 = 0.7;
+/// The likeness, over that of the middle dot, up to which the detector sees no dot in a mark, from which on it sees one where nothing
+/// but dots is on the ball, and where there is print or the surface shows none. On 26 plain balls drawn by hand, marks that were no dots
+/// (fingers, shadows) had 0.04 at most, and dots 0.15 or more.
+const UNSEEN: f64 = 0.05;
+const SUSPECTED: f64 = 0.15;
+const SEEN: f64 = 0.4;
+/// A detector for which the middle dot has this likeness sees all but the faintest dots; where it has less than the second, it misses
+/// too many.
+const CLEAR: f64 = 0.6;
+const HARDLY: f64 = 0.5;
+/// Fewer views of the bare ball beside a dark thing before it may hide a dot.
+const BARE_VIEWS: f64 = 3.0;
+const FEW_VIEWS: usize = 8;
+/// Print: no disc, steady, at least so dark over the middle dot, and no dot to the detector. Discs so near it, radians, may be print.
+const PRINT: f64 = 0.4;
+const PRINT_LIKENESS: f64 = 0.2;
+const NEAR_PRINT: f64 = 0.3;
+/// Fewer discs that the detector finds too do not tell what a dot looks like.
+const MIN_TYPICAL: usize = 4;
+/// Largest expected number of dots where no view shows the bare surface.
+const MAX_HIDDEN: f64 = 0.03;
+/// Dots found in a smaller share of the views that face them are too faint for the detector.
+const FAINT: f64 = 0.15;
+
+/// What a dot looks like.
+struct Typical {
+    radius: f64,
+    darkness: f64,
+    likeness: f64,
+}
+
+/// What a mark is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Dot,
+    Doubtful,
+    /// It may be a dot, and hardly any view faces it.
+    TurnedAway,
+    Other,
+}
+
+/// A mark and what the detector sees there.
+struct Witnessed<'m> {
+    mark: &'m Mark,
+    /// The dot of the map there.
+    joined: Option<usize>,
+    /// The mean probability of a dot over the views that the mark faces; `None` where there is none.
+    likeness: Option<f64>,
+}
+
+impl Map<'_> {
+    /// Makes the dots among the marks the map's only ones. `blind` is the share of the surface that no view shows.
+    pub fn keep_dots(
+        &mut self,
+        marks: &[Mark],
+        blind: f64,
+        expected: Option<usize>,
+    ) -> std::result::Result<(), UnknownRejection> {
+        let witnessed: Vec<Witnessed<'_>> = marks
+            .iter()
+            .map(|mark| Witnessed {
+                mark,
+                joined: self.at_mark(mark),
+                likeness: self.likeness(&mark.direction),
+            })
+            .collect();
+        let found = witnessed.iter().filter(|w| w.joined.is_some()).count();
+        let typical = typical(&witnessed).ok_or(UnknownRejection::NoPattern { found })?;
+        if typical.likeness < HARDLY {
+            return Err(UnknownRejection::TooFaint { dots: found });
+        }
+        let print: Vec<Vec3> = witnessed
+            .iter()
+            .filter(|w| typical.is_print(w))
+            .map(|w| w.mark.direction)
+            .collect();
+        let mut dots: Vec<(MapDot, Kind)> = Vec::new();
+        let mut hidden = 0.0;
+        for seen in &witnessed {
+            let kind = typical.kind(seen, &print);
+            if kind == Kind::Other && typical.hides(seen.mark) {
+                hidden += 0.25 * seen.mark.radius.powi(2);
+            }
+            let known = seen.joined.map(|j| self.dots[j]);
+            let dot = known.unwrap_or_else(|| new_dot(&seen.mark.direction));
+            dots.push((dot, kind));
+        }
+        // What the detector sees and the surface does not show.
+        for j in self.established() {
+            let at = self.dots[j].direction;
+            let is_there =
+                |m: &Mark| angle_between(&m.direction, &at) < BESIDE.max(SAME[1] * m.radius);
+            if !marks.iter().any(is_there) && self.is_likely(j) {
+                let is_dot =
+                    self.likeness(&at) >= Some(SEEN * typical.likeness) && print.is_empty();
+                let kind = if is_dot { Kind::Dot } else { Kind::Doubtful };
+                dots.push((self.dots[j], kind));
+            }
+        }
+        let of = |kind: Kind| dots.iter().filter(move |d| d.1 == kind).map(|d| d.0);
+        let away = of(Kind::TurnedAway).count();
+        if away > 0 {
+            return Err(UnknownRejection::TurnedAway { dots: away });
+        }
+        let blind = blind + hidden;
+        if blind * of(Kind::Dot).count() as f64 > MAX_HIDDEN {
+            return Err(UnknownRejection::NotCovered { blind });
+        }
+        let (sure, doubtful) = (of(Kind::Dot).count(), of(Kind::Doubtful).count());
+        let mut kept: Vec<MapDot> = of(Kind::Dot).collect();
+        match expected {
+            Some(expected) if expected == sure => {}
+            None if doubtful == 0 => {}
+            Some(expected) if expected == sure + doubtful => kept.extend(of(Kind::Doubtful)),
+            Some(expected) if expected < sure || expected > sure + doubtful => {
+                let found = sure + doubtful;
+                return Err(UnknownRejection::WrongNumber { expected, found });
+            }
+            _ => return Err(UnknownRejection::Doubtful { sure, doubtful }),
+        }
+        self.dots = kept;
+        self.rename();
+        Ok(())
+    }
+
+    /// Number of dots that the detector finds too seldom.
+    pub fn faint(&self) -> usize {
+        let is_faint = |j: &usize| {
+            let (found, views) = self.rate(*j);
+            self.dots[*j].found < ESTABLISHED || (found as f64) < FAINT * views as f64
+        };
+        (0..self.dots.len()).filter(is_faint).count()
+    }
+
+    /// The mean, over the views that a place faces, of the probability of a dot there; `None` where there is none.
+    fn likeness(&self, place: &Vec3) -> Option<f64> {
+        let (mut sum, mut views) = (0.0, 0usize);
+        for (frame, placed) in self.frames.iter().zip(&self.placed) {
+            let Some(placed) = placed else { continue };
+            let at = placed.rotation * place;
+            if frame.depth(&at) < FACES {
+                continue;
+            }
+            views += 1;
+            let detections = &self.estimates[frame.index].dots;
+            let near = frame.dots.iter();
+            let near = near.filter(|d| d.direction.dot(&at) > NEAR.cos());
+            let probabilities = near.map(|d| detections[d.detection].probability);
+            sum += probabilities.fold(0.0, f64::max);
+        }
+        (views > 0).then(|| sum / views as f64)
+    }
+
+    /// The dot of the map at a mark.
+    fn at_mark(&self, mark: &Mark) -> Option<usize> {
+        let within = SAME[0].max(SAME[1] * mark.radius);
+        let near = self.established().into_iter();
+        let near = near.map(|j| (j, angle_between(&self.dots[j].direction, &mark.direction)));
+        let nearest = near.min_by(|a, b| a.1.total_cmp(&b.1))?;
+        (nearest.1 < within).then_some(nearest.0)
+    }
+
+    /// Whether the detector, where it finds this dot of the map, takes it for one.
+    fn is_likely(&self, j: usize) -> bool {
+        self.probability(j).is_some_and(|p| p >= LIKELY_DOT)
+    }
+
+    /// In how many views a dot is found, and how many face it.
+    pub(super) fn rate(&self, j: usize) -> (usize, usize) {
+        let direction = self.dots[j].direction;
+        let (mut views, mut found) = (0usize, 0usize);
+        for (frame, placed) in self.frames.iter().zip(&self.placed) {
+            let Some(placed) = placed else { continue };
+            if frame.depth(&(placed.rotation * direction)) >= FACING {
+                views += 1;
+                found += usize::from(placed.names.contains(&Some(j)));
+            }
+        }
+        (found, views)
+    }
+}
+
+/// The middle disc that the detector finds too.
+fn typical(witnessed: &[Witnessed<'_>]) -> Option<Typical> {
+    let is_dot = |w: &&Witnessed<'_>| {
+        w.mark.is_disc() && w.mark.views >= MIN_VIEWS && w.joined.is_some() && w.likeness.is_some()
+    };
+    let found: Vec<&Witnessed<'_>> = witnessed.iter().filter(is_dot).collect();
+    let middle =
+        |f: fn(&Witnessed<'_>) -> f64| median(&mut found.iter().map(|w| f(w)).collect::<Vec<_>>());
+    (found.len() >= MIN_TYPICAL).then(|| Typical {
+        radius: middle(|w| w.mark.radius),
+        darkness: middle(|w| w.mark.darkness),
+        likeness: middle(|w| w.likeness.unwrap_or(0.0)),
+    })
+}
+
+impl Typical {
+    /// The detector's likeness of a mark over that of the middle dot.
+    fn likeness(&self, seen: &Witnessed<'_>) -> Option<f64> {
+        Some(seen.likeness? / self.likeness)
+    }
+
+    fn is_print(&self, seen: &Witnessed<'_>) -> bool {
+        let Witnessed { mark, .. } = seen;
+        let is_dot = self.likeness(seen).is_none_or(|l| l >= PRINT_LIKENESS);
+        let is_steady = mark.views >= FEW_VIEWS && mark.steady >= STEADY;
+        let is_shape = mark.is_no_disc() || (!mark.is_disc() && !is_dot);
+        is_steady && is_shape && mark.darkness >= PRINT * self.darkness
+    }
+
+    /// Whether a mark that is no dot hides what is below it in nearly all views: a finger.
+    fn hides(&self, mark: &Mark) -> bool {
+        let bare = (1.0 - mark.steady) * mark.views as f64;
+        mark.views < FEW_VIEWS && bare < BARE_VIEWS && mark.darkness >= PRINT * self.darkness
+    }
+
+    /// Whether radius and darkness are those of a dot.
+    fn is_like(&self, mark: &Mark, [radius, darkness]: [[f64; 2]; 2]) -> bool {
+        let within = |x: f64, [low, high]: [f64; 2]| (low..=high).contains(&x);
+        mark.is_disc()
+            && within(mark.radius / self.radius, radius)
+            && within(mark.darkness / self.darkness, darkness)
+    }
+
+    fn kind(&self, seen: &Witnessed<'_>, print: &[Vec3]) -> Kind {
+        let Witnessed { mark, joined, .. } = seen;
+        let Some(likeness) = self.likeness(seen) else {
+            let may_be = joined.is_some() || self.is_like(mark, ALONE);
+            return if may_be {
+                Kind::TurnedAway
+            } else {
+                Kind::Other
+            };
+        };
+        let is_steady = mark.steady >= STEADY;
+        if print.is_empty() {
+            let is_like = self.is_like(mark, ALONE) && is_steady;
+            return match likeness {
+                l if l >= SUSPECTED => Kind::Dot,
+                l if l >= UNSEEN && is_like => Kind::Dot,
+                l if l >= UNSEEN => Kind::Doubtful,
+                // Faint dots are none to a detector that hardly sees the others.
+                _ if is_like && self.likeness < CLEAR => Kind::Doubtful,
+                _ => Kind::Other,
+            };
+        }
+        let is_apart = |p: &Vec3| angle_between(p, &mark.direction) > NEAR_PRINT;
+        let is_like = self.is_like(mark, BESIDE_PRINT) && is_steady;
+        match likeness {
+            l if l < UNSEEN => Kind::Other,
+            l if l >= SEEN && is_like && print.iter().all(is_apart) => Kind::Dot,
+            _ => Kind::Doubtful,
+        }
+    }
+}
+
+/// A dot that no detection has shown yet.
+fn new_dot(direction: &Vec3) -> MapDot {
+    MapDot {
+        direction: *direction,
+        found: 0,
+        weight: 1.0,
+    }
+}

@@ -1,0 +1,178 @@
+//! What is drawn on a ball: the dark marks of its surface, each with its shape.
+//!
+//! Every place belongs to the darkest place that is reached by always going to the darkest neighbor (a watershed). Those of a top
+//! that are at least half as dark as it are a mark. A dot is a disc: as long as wide, filled, with nothing around it.
+
+use nalgebra::Matrix2;
+
+use super::surface::Surface;
+use crate::geometry::{Vec3, tangent_frame};
+
+/// The least darkness of a mark, over the bare ball's brightness and over the noise of a place.
+const LEAST: f32 = 0.03;
+const OVER_NOISE: f32 = 6.0;
+/// A mark's darkest place is the darkest so near, radians.
+const TOP: f64 = 0.075;
+/// Two tops are one where no place between them, each so near the next, radians, is brighter than this share of the lower.
+const NEXT: f64 = 0.04;
+const SADDLE: f32 = 0.7;
+/// Around a mark is what lies between so many of its radii, and so many radians more, and so many of its radii and radians.
+const AROUND: [[f64; 2]; 2] = [[1.6, 0.03], [2.4, 0.06]];
+/// A disc is at most so long over its width, fills at least so much of its ellipse, and is surrounded by at most so much of its own
+/// darkness. Of 1 359 dots on 25 balls drawn by hand, of 4 to 8 mm, 97 % are such; of 95 other marks on them, 11 are.
+const DISC: Shape = Shape {
+    elongation: 1.6,
+    solidity: 0.85,
+    around: 0.25,
+};
+
+/// What is longer over its width, or fills less of its ellipse, is none.
+const NO_DISC: [f64; 2] = [2.0, 0.75];
+
+/// How a mark looks.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shape {
+    /// Length over width.
+    pub elongation: f64,
+    /// Its area over that of the ellipse of the same moments.
+    pub solidity: f64,
+    /// Mean darkness around it over its own.
+    pub around: f64,
+}
+
+/// A dark mark.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Mark {
+    /// Its middle.
+    pub direction: Vec3,
+    /// How dark it is, over the bare ball's brightness.
+    pub darkness: f64,
+    /// The angular radius of a disc of its area, radians.
+    pub radius: f64,
+    pub shape: Shape,
+    /// The least number of views that show a place of it.
+    pub views: usize,
+    /// See [`Place::steady`](super::surface::Place::steady), the mean over its places.
+    pub steady: f64,
+}
+
+impl Mark {
+    /// Whether it is surely none, whatever the detector says.
+    pub fn is_no_disc(&self) -> bool {
+        self.shape.elongation > NO_DISC[0] || self.shape.solidity < NO_DISC[1]
+    }
+
+    /// Whether it is a disc.
+    pub fn is_disc(&self) -> bool {
+        let Shape {
+            elongation,
+            solidity,
+            around,
+        } = self.shape;
+        elongation <= DISC.elongation && solidity >= DISC.solidity && around <= DISC.around
+    }
+}
+
+/// The marks of a surface.
+pub(super) fn marks(surface: &Surface) -> Vec<Mark> {
+    let least = LEAST.max(OVER_NOISE * surface.noise);
+    let dark = |k: usize| surface.places[k].darkness;
+    let is_above = |a: usize, b: usize| (dark(a), a) > (dark(b), b);
+    let mut uphill: Vec<usize> = (0..surface.places.len()).collect();
+    for (k, up) in uphill.iter_mut().enumerate() {
+        if dark(k) >= 0.5 * least {
+            let about = surface.places[k].direction;
+            surface.near(&about, TOP, |j| {
+                if is_above(j, *up) {
+                    *up = j;
+                }
+            });
+        }
+    }
+    join_across_saddles(surface, &mut uphill, 0.5 * least);
+    let top_of = |k: usize| top(&uphill, k);
+    let mut members: Vec<Vec<usize>> = vec![Vec::new(); surface.places.len()];
+    for k in 0..surface.places.len() {
+        let top = top_of(k);
+        if dark(top) >= least && dark(k) > 0.5 * dark(top) {
+            members[top].push(k);
+        }
+    }
+    let tops = members.iter().enumerate().filter(|(_, m)| !m.is_empty());
+    tops.map(|(top, members)| mark(surface, top, members))
+        .collect()
+}
+
+/// The top that is reached from a place.
+fn top(uphill: &[usize], mut k: usize) -> usize {
+    while uphill[k] != k {
+        k = uphill[k];
+    }
+    k
+}
+
+/// Makes one of two tops where the way between them stays dark: a bar and a large dot have several.
+fn join_across_saddles(surface: &Surface, uphill: &mut [usize], least: f32) {
+    let dark = |k: usize| surface.places[k].darkness;
+    for k in (0..uphill.len()).filter(|k| dark(*k) >= least) {
+        surface.near(&surface.places[k].direction, NEXT, |j| {
+            let (a, b) = (top(uphill, k), top(uphill, j));
+            let (low, high) = if (dark(a), a) < (dark(b), b) {
+                (a, b)
+            } else {
+                (b, a)
+            };
+            if low != high && dark(k).min(dark(j)) > SADDLE * dark(low) {
+                uphill[low] = high;
+            }
+        });
+    }
+}
+
+fn mark(surface: &Surface, top: usize, members: &[usize]) -> Mark {
+    let places = || members.iter().map(|k| &surface.places[*k]);
+    let sum: Vec3 = places().map(|p| p.direction * f64::from(p.darkness)).sum();
+    let direction = sum.normalize();
+    let area = surface.area() * members.len() as f64;
+    let radius = (area / std::f64::consts::PI).sqrt();
+    let [a, b] = tangent_frame(&direction);
+    let mut moments = Matrix2::zeros();
+    for place in places() {
+        let [x, y] = [place.direction.dot(&a), place.direction.dot(&b)];
+        moments += Matrix2::new(x * x, x * y, x * y, y * y) / members.len() as f64;
+    }
+    // A place is no point.
+    let of_place = surface.area() / (4.0 * std::f64::consts::PI);
+    let spread = (moments + Matrix2::identity() * of_place).symmetric_eigenvalues();
+    let (short, long) = (spread.min().sqrt(), spread.max().sqrt());
+    let darkness = f64::from(surface.places[top].darkness);
+    let [inner, outer] = AROUND.map(|[radii, more]| radii * radius + more);
+    let (mut dark, mut count) = (0.0, 0.0);
+    surface.near(&direction, outer.min(1.5), |k| {
+        let place = &surface.places[k];
+        if place.direction.dot(&direction) < inner.cos() && place.views > 0 {
+            dark += f64::from(place.darkness);
+            count += 1.0;
+        }
+    });
+    let mut views = usize::MAX;
+    surface.near(&direction, radius, |k| {
+        views = views.min(surface.places[k].views)
+    });
+    Mark {
+        direction,
+        darkness,
+        radius,
+        shape: Shape {
+            elongation: long / short,
+            solidity: area / (4.0 * std::f64::consts::PI * long * short),
+            around: if count > 0.0 {
+                dark / count / darkness
+            } else {
+                0.0
+            },
+        },
+        views: views.min(surface.places[top].views),
+        steady: places().map(|p| f64::from(p.steady)).sum::<f64>() / members.len() as f64,
+    }
+}

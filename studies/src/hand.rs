@@ -1,0 +1,264 @@
+//! Clips of balls with dots drawn by hand, turned by hand before the camera.
+//!
+//! Dots are anywhere on the ball, evenly or in clusters, uneven and oval, of a pen that covers 4 to 8 mm of a ball of 40 to 220 mm.
+//! The ball is turned about one axis and then about another, in strokes of a third of a turn to a whole one, with pauses where the
+//! hand takes it anew; fingers are in view in two clips of three.
+
+use std::f64::consts::TAU;
+
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use spindoe::geometry::{
+    Rotation, Vec3, angle_between, random_direction, random_rotation, spiral_directions,
+};
+use spindoe::pattern::Pattern;
+use spindoe::synth::occlusion::{Occluder, OccluderKind};
+use spindoe::synth::view::View;
+use spindoe::synth::{Rendering, Scene, SynthConfig};
+
+use crate::Outcome;
+
+/// Diameters of the balls and of the dots, millimeters.
+const BALL_MM: [f64; 2] = [40.0, 220.0];
+const DOT_MM: [f64; 2] = [4.0, 8.0];
+/// Numbers of dots.
+const DOTS: [usize; 2] = [12, 60];
+/// Diameters of the balls, pixels.
+const BALL_PX: [f64; 2] = [50.0, 140.0];
+/// Numbers of frames.
+const FRAMES: [usize; 2] = [60, 300];
+/// Between the middles of two dots lie as many radii, and as many radians more.
+const GAP: [f64; 2] = [2.4, 0.08];
+/// The whole turn of a clip, and the largest from a frame to the next, radians.
+const TURN: [f64; 2] = [2.0 * TAU, 5.0 * TAU];
+const MAX_STEP: f64 = 0.26;
+/// A stroke, radians, and the frames of a pause.
+const STROKE: [f64; 2] = [TAU / 3.0, TAU];
+const PAUSE: std::ops::RangeInclusive<usize> = 0..=8;
+/// How the hand trembles from frame to frame: the ball's turn, radians, its center and its radius, radii.
+const TREMOR: [f64; 3] = [0.004, 0.01, 0.003];
+/// Share of the clips with fingers in view.
+const FINGERS: f64 = 0.67;
+/// Share of the balls whose dots are in clusters.
+const CLUSTERED: f64 = 0.4;
+/// A place is shown that faces the camera so far in so many frames.
+const FACING: f64 = 0.25;
+const VIEWS: usize = 3;
+/// A dot that is seen in fewer of the views in which it faces the camera is hidden by print.
+const HIDDEN: f64 = 0.3;
+/// Places at which it is looked up what is shown.
+const PLACES: usize = 400;
+
+/// A clip that is yet to be rendered.
+pub struct HandClip {
+    /// The dots as they are drawn.
+    pub truth: Pattern,
+    /// Their mean angular radius, radians.
+    pub dot_radius_rad: f64,
+    /// Diameter of the ball, pixels.
+    pub ball_px: f64,
+    /// Frames per second.
+    pub fps: f64,
+    scenes: Vec<Scene>,
+}
+
+/// What the frames of a clip show.
+pub struct Shown {
+    /// Share of the ball's surface.
+    pub share: f64,
+    /// For each dot whether print hides it.
+    pub hidden: Vec<bool>,
+}
+
+impl HandClip {
+    /// The clip `k` of a seed: balls look as `looks` has it, but for what a hand draws.
+    ///
+    /// # Errors
+    /// Settings that cannot be drawn from.
+    pub fn random(looks: &SynthConfig, seed: u64, k: u64) -> Outcome<Self> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(k);
+        let ball_mm = log_between(BALL_MM, &mut rng);
+        let dot_radius_rad = rng.random_range(DOT_MM[0]..DOT_MM[1]) / ball_mm;
+        let truth = drawn_by_hand(dot_radius_rad, &mut rng)?;
+        let config = SynthConfig {
+            ball_px: Some([log_between(BALL_PX, &mut rng); 2]),
+            dot_radius_rad: [dot_radius_rad; 2],
+            dot_radius_spread: [0.05, 0.2],
+            max_dot_elongation: 0.2,
+            ink_density: [0.6, 1.0],
+            max_streaks: 0.3,
+            max_noise: 6.0,
+            defocus_px: [0.2, 1.0],
+            max_background: 0.8,
+            clutter_share: 0.3,
+            video_share: 0.3,
+            video_qp: [18.0, 28.0],
+            ..looks.clone().as_designed()
+        };
+        let scene = Scene::random(&truth, &config, &mut rng)?;
+        let frames = log_between(FRAMES.map(|n| n as f64), &mut rng).round() as usize;
+        let fps = if rng.random_bool(0.7) { 30.0 } else { 240.0 };
+        let fingers = rng.random_bool(FINGERS).then_some(&config);
+        let scenes = turned(&scene, frames, fps, fingers, &truth, &mut rng)?;
+        Ok(Self {
+            truth,
+            dot_radius_rad,
+            ball_px: 2.0 * scene.circle.radius,
+            fps,
+            scenes,
+        })
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.scenes.len()
+    }
+
+    /// Renders the frames, gives each to `take`, and says what they show.
+    ///
+    /// # Errors
+    /// A scene that cannot be rendered.
+    pub fn show(&self, mut take: impl FnMut(&Rendering)) -> Outcome<Shown> {
+        let places: Vec<Vec3> = spiral_directions(PLACES).collect();
+        let mut faced = vec![0usize; places.len()];
+        let mut views = vec![[0usize; 2]; self.truth.len()];
+        for scene in &self.scenes {
+            let seen = scene.render()?;
+            let view = View::new(&scene.camera, scene.circle)?;
+            for (place, faced) in places.iter().zip(&mut faced) {
+                let normal = scene.rotation * place;
+                *faced += usize::from(
+                    view.facing(&normal) >= FACING && shows(&seen, &view, &normal, scene.size),
+                );
+            }
+            for dot in seen.dots.iter().filter(|d| d.facing > FACING) {
+                views[dot.index][0] += usize::from(!dot.occluded);
+                views[dot.index][1] += usize::from(dot.is_visible());
+            }
+            take(&seen);
+        }
+        let shown = faced.iter().filter(|n| **n >= VIEWS).count();
+        let is_hidden = |[facing, seen]: &[usize; 2]| (*seen as f64) < HIDDEN * *facing as f64;
+        Ok(Shown {
+            share: shown as f64 / places.len() as f64,
+            hidden: views.iter().map(is_hidden).collect(),
+        })
+    }
+}
+
+/// Whether nothing before the ball hides a place of it.
+fn shows(seen: &Rendering, view: &View, normal: &Vec3, [width, height]: [usize; 2]) -> bool {
+    let pixel = view.project(normal);
+    let [u, v] = [pixel.u.round(), pixel.v.round()];
+    let inside = u >= 0.0 && v >= 0.0 && u < width as f64 && v < height as f64;
+    inside && seen.mask[v as usize * width + u as usize] > 127
+}
+
+/// Dots of a mean angular radius anywhere, none on another.
+fn drawn_by_hand<R: Rng + ?Sized>(radius: f64, rng: &mut R) -> Outcome<Pattern> {
+    let wanted = rng.random_range(DOTS[0]..=DOTS[1]);
+    let clusters: Vec<Vec3> = match rng.random_bool(CLUSTERED) {
+        true => (0..rng.random_range(2..=4))
+            .map(|_| random_direction(rng))
+            .collect(),
+        false => Vec::new(),
+    };
+    let apart = GAP[0] * radius + GAP[1];
+    let mut dots: Vec<Vec3> = Vec::new();
+    // A ball that is full holds fewer.
+    for _ in 0..200 * wanted {
+        if dots.len() == wanted {
+            break;
+        }
+        let dot = random_direction(rng);
+        let nearest = clusters.iter().map(|c| angle_between(c, &dot));
+        let nearest = nearest.fold(f64::INFINITY, f64::min);
+        let kept = clusters.is_empty() || rng.random_bool((-nearest * nearest).exp().max(0.1));
+        if kept && dots.iter().all(|d| angle_between(d, &dot) > apart) {
+            dots.push(dot);
+        }
+    }
+    Ok(Pattern::new(dots)?)
+}
+
+/// The frames of a ball that a hand turns.
+fn turned<R: Rng + ?Sized>(
+    scene: &Scene,
+    frames: usize,
+    fps: f64,
+    fingers: Option<&SynthConfig>,
+    truth: &Pattern,
+    rng: &mut R,
+) -> Outcome<Vec<Scene>> {
+    let step = (rng.random_range(TURN[0]..TURN[1]) / frames as f64).min(MAX_STEP / 1.5);
+    let first = random_direction(rng);
+    let second = first.cross(&random_direction(rng)).normalize();
+    let exposure_s = log_between([1.0 / 2000.0, 1.0 / 200.0], rng);
+    let mut rotation = random_rotation(rng);
+    let mut scene = scene.clone();
+    let radius = scene.circle.radius;
+    let mut scenes = Vec::with_capacity(frames);
+    while scenes.len() < frames {
+        let about = if 2 * scenes.len() < frames {
+            first
+        } else {
+            second
+        };
+        let axis = (about + random_direction(rng) * 0.3).normalize();
+        let stroke = (rng.random_range(STROKE[0]..STROKE[1]) / step).ceil() as usize;
+        let pause = rng.random_range(PAUSE);
+        scene.occluder = match fingers {
+            Some(config) => Some(a_finger(truth, config, rng)?),
+            None => None,
+        };
+        for i in 0..stroke + pause {
+            // Strokes begin and end slowly.
+            let phase = 0.5 * TAU * (i as f64 + 0.5) / stroke as f64;
+            let turn = if i < stroke {
+                1.5 * step * phase.sin()
+            } else {
+                0.0
+            };
+            let turn = axis * turn + random_direction(rng) * TREMOR[0];
+            let mut frame = scene.clone();
+            frame.rotation = rotation;
+            frame.spin = turn * fps;
+            frame.exposure_s = exposure_s.min(0.9 / fps);
+            frame.shift_px = [0.0; 2];
+            frame.circle.center.u += radius * TREMOR[1] * rng.random_range(-1.0..1.0);
+            frame.circle.center.v += radius * TREMOR[1] * rng.random_range(-1.0..1.0);
+            frame.circle.radius *= 1.0 + TREMOR[2] * rng.random_range(-1.0..1.0);
+            frame.noise_seed = rng.random();
+            scenes.push(frame);
+            rotation = Rotation::from_scaled_axis(turn) * rotation;
+        }
+    }
+    scenes.truncate(frames);
+    Ok(scenes)
+}
+
+/// A finger or some of them before the ball.
+fn a_finger<R: Rng + ?Sized>(
+    truth: &Pattern,
+    config: &SynthConfig,
+    rng: &mut R,
+) -> Outcome<Occluder> {
+    let config = SynthConfig {
+        occlusion_share: 1.0,
+        max_occlusion: 0.3,
+        ..config.clone()
+    };
+    loop {
+        let found = Scene::random(truth, &config, rng)?.occluder;
+        if let Some(occluder) =
+            found.filter(|o| matches!(o.kind, OccluderKind::Finger | OccluderKind::Hand))
+        {
+            return Ok(occluder);
+        }
+    }
+}
+
+fn log_between<R: Rng + ?Sized>([low, high]: [f64; 2], rng: &mut R) -> f64 {
+    low * (high / low).powf(rng.random::<f64>())
+}
