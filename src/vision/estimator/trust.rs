@@ -53,7 +53,7 @@ pub struct PoseEvidence {
     pub doubt: f64,
     /// Where the pose was found by all places where dots may be: what these say.
     pub dense: Option<DenseEvidence>,
-    /// Where the pose was found by all pixels of a small ball ([`crate::vision::whole`]): by how much its logarithmic likelihood
+    /// Where the pose was found by all pixels of a small ball (`src/vision/whole`): by how much its logarithmic likelihood
     /// exceeds that of any other.
     pub whole: Option<WholeEvidence>,
     /// How far the named dots are off, in standard deviations per axis: the root of the mean square.
@@ -69,7 +69,7 @@ pub struct DenseEvidence {
     pub margin: f64,
 }
 
-/// What the pixels of a small ball say of a pose ([`crate::vision::whole`]).
+/// What the pixels of a small ball say of a pose (`src/vision/whole`).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WholeEvidence {
     /// By how much its logarithmic likelihood exceeds that of any other orientation.
