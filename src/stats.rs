@@ -167,6 +167,9 @@ impl PairedDifference {
     }
 }
 
+/// Standard deviation of a normal distribution over its median absolute deviation.
+pub const SIGMA_PER_MAD: f64 = 1.4826;
+
 /// The median (mean of the middle two for an even number; 0 for none). Reorders its input.
 pub fn median(values: &mut [f64]) -> f64 {
     values.sort_unstable_by(f64::total_cmp);

@@ -1,12 +1,10 @@
 //! Which steady places look like dots: print and stains stay at one place of the ball as dots do, and the
 //! detector doubts them more.
 
-use crate::stats::median;
+use crate::stats::{SIGMA_PER_MAD, median};
 
 /// What looks unlike dots lies this many standard deviations of the others below their middle.
 const DEVIATIONS: f64 = 4.0;
-/// Standard deviation of a normal distribution over its median absolute deviation.
-const SIGMA_PER_MAD: f64 = 1.4826;
 
 /// The probability of a dot, mean over a place's views, below which a place looks unlike the others:
 /// `share` of the middle place's at most, and less where the probabilities spread.

@@ -272,7 +272,12 @@ impl Arguments {
         let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
         let estimator = Estimator::new(&stand_in, config.estimator, self.images.detector()?)?;
         let settings = SurfaceObserver::settings(self.batch()?);
-        let batch = estimate_inputs(&estimator, &self.clip, &settings, &SurfaceObserver)?;
+        let batch = estimate_inputs(
+            &estimator,
+            &self.clip,
+            &settings,
+            &SurfaceObserver::default(),
+        )?;
         let (frames, albedos): (Vec<FrameEstimate>, Vec<Albedo>) = batch
             .frames
             .into_iter()

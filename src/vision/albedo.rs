@@ -19,32 +19,28 @@ pub struct Albedo {
     values: Vec<u8>,
 }
 
-/// Takes albedos from images; its memory is reused.
+/// Takes albedos from images, on several threads.
 #[derive(Debug)]
 pub struct AlbedoMaker {
     shading: Shading,
-    flat: Flat,
-    patch: Patch,
 }
 
 impl Default for AlbedoMaker {
     fn default() -> Self {
         Self {
             shading: Shading::new(),
-            flat: Flat::default(),
-            patch: Patch::default(),
         }
     }
 }
 
 impl AlbedoMaker {
     /// The albedo of the ball within `circle`.
-    pub fn take(&mut self, image: &GrayImage, circle: &BallCircle) -> Albedo {
-        self.patch.cut_into(image, circle);
-        let values = self.patch.values();
-        self.shading.flatten(values, &mut self.flat);
-        let [mean, spread] = self.patch.levels();
-        let values = values.iter().zip(self.flat.values()).map(|(value, over)| {
+    pub fn take(&self, image: &GrayImage, circle: &BallCircle) -> Albedo {
+        let patch = Patch::cut(image, circle);
+        let (values, mut flat) = (patch.values(), Flat::default());
+        self.shading.flatten(values, &mut flat);
+        let [mean, spread] = patch.levels();
+        let values = values.iter().zip(flat.values()).map(|(value, over)| {
             let surface = mean + spread * (value - over);
             let ratio = 1.0 + spread * over / surface.max(spread * 0.1);
             (BARE * ratio).round().clamp(0.0, 255.0) as u8

@@ -249,20 +249,9 @@ impl DenseMatcher {
         is_mirrored: bool,
         ws: &mut DenseWorkspace,
     ) {
-        let by_score =
-            |a: &(f32, u32), b: &(f32, u32)| b.0.total_cmp(&a.0).then_with(|| a.1.cmp(&b.1));
-        ws.scores.select_nth_unstable_by(CONSIDERED, by_score);
-        let considered = &mut ws.scores[..CONSIDERED];
-        considered.sort_unstable_by(by_score);
-        let at = inverse_distance.unwrap_or(table.inverse_distance);
         ws.starts.clear();
-        for &(_, k) in &*considered {
-            let start = rotation(k as usize);
-            let is_beside = |r: &Rotation| r.angle_to(&start) < BESIDE;
-            if ws.starts.len() < IMPROVED && !ws.starts.iter().any(is_beside) {
-                ws.starts.push(start);
-            }
-        }
+        best_apart(&mut ws.scores, CONSIDERED, IMPROVED, &mut ws.starts);
+        let at = inverse_distance.unwrap_or(table.inverse_distance);
         for &start in &ws.starts {
             let (fit, score) = self.improve(&ws.terms, Fit::new(start, at));
             ws.found.push(Found {
@@ -283,22 +272,11 @@ impl DenseMatcher {
         ws: &mut DenseWorkspace,
         starts: &mut Vec<Rotation>,
     ) {
-        let by_score =
-            |a: &(f32, u32), b: &(f32, u32)| b.0.total_cmp(&a.0).then_with(|| a.1.cmp(&b.1));
         let [far, near] = &self.tables;
         let middle = 0.5 * (far.inverse_distance + near.inverse_distance);
         let table = if inverse_distance < middle { far } else { near };
         table.score_into(terms, &mut ws.scores);
-        ws.scores.select_nth_unstable_by(MANY, by_score);
-        let considered = &mut ws.scores[..MANY];
-        considered.sort_unstable_by(by_score);
-        for &(_, k) in &*considered {
-            let start = rotation(k as usize);
-            let is_beside = |r: &Rotation| r.angle_to(&start) < BESIDE;
-            if starts.len() < count && !starts.iter().any(is_beside) {
-                starts.push(start);
-            }
-        }
+        best_apart(&mut ws.scores, MANY, count, starts);
     }
 
     /// The tables nearest to a distance.
@@ -398,6 +376,27 @@ fn min_depth(inverse_distance: f64) -> f64 {
 fn on_plane(direction: &Vec3, k: f64) -> [f64; 2] {
     let scale = (1.0 - k * k).sqrt() / (1.0 - k * direction.z);
     [direction.x * scale, -direction.y * scale]
+}
+
+/// Adds the best of some scored orientations that are not next to each other or to those that are there, up to `count` in all; so many
+/// are considered.
+fn best_apart(
+    scores: &mut [(f32, u32)],
+    considered: usize,
+    count: usize,
+    starts: &mut Vec<Rotation>,
+) {
+    let by_score = |a: &(f32, u32), b: &(f32, u32)| b.0.total_cmp(&a.0).then_with(|| a.1.cmp(&b.1));
+    scores.select_nth_unstable_by(considered, by_score);
+    let considered = &mut scores[..considered];
+    considered.sort_unstable_by(by_score);
+    for &(_, k) in &*considered {
+        let start = rotation(k as usize);
+        let is_beside = |r: &Rotation| r.angle_to(&start) < BESIDE;
+        if starts.len() < count && !starts.iter().any(is_beside) {
+            starts.push(start);
+        }
+    }
 }
 
 /// The place of a cell: to the right and down, radii.

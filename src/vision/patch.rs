@@ -172,24 +172,25 @@ impl Patch {
 
     /// Where a position in the image lies in the patch for dots of a ball within `circle`: (column as u, row as v).
     pub fn place(circle: &BallCircle, pixel: Pixel) -> Pixel {
-        let step = circle.radius / Framing::DOTS.radius;
-        Pixel {
-            u: MIDDLE + (pixel.u - circle.center.u) / step,
-            v: MIDDLE + (pixel.v - circle.center.v) / step,
-        }
+        in_patch(circle, circle.radius / Framing::DOTS.radius, pixel)
     }
 
     /// Where a position in the image lies in the patch: (column as u, row as v).
     pub fn from_image(&self, pixel: Pixel) -> Pixel {
-        Pixel {
-            u: MIDDLE + (pixel.u - self.circle.center.u) / self.step(),
-            v: MIDDLE + (pixel.v - self.circle.center.v) / self.step(),
-        }
+        in_patch(&self.circle, self.step(), pixel)
     }
 }
 
 /// The patch's middle, in columns and rows.
 pub const MIDDLE: f64 = 0.5 * (SIZE as f64 - 1.0);
+
+/// Where a position in the image lies in the patch of a ball, `step` pixels a value.
+fn in_patch(circle: &BallCircle, step: f64, pixel: Pixel) -> Pixel {
+    Pixel {
+        u: MIDDLE + (pixel.u - circle.center.u) / step,
+        v: MIDDLE + (pixel.v - circle.center.v) / step,
+    }
+}
 
 fn out_of_middle(column: usize, row: usize) -> f64 {
     (column as f64 - MIDDLE).hypot(row as f64 - MIDDLE)

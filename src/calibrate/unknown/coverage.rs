@@ -25,20 +25,18 @@ const PLACES: usize = 400;
 /// Share of the places that may lack views: of twenty dots six in ten hide none there. Where the number of
 /// dots is known and found, none hides, and more may.
 const MAX_BLIND: f64 = 0.03;
+const MAX_BLIND_COUNTED: f64 = 0.15;
 /// A dot shows where a view shows the surface so near its middle, radii.
 const SHOWS: f64 = 0.7;
 /// Fits once the dots are known.
 const LAST_ROUNDS: usize = 2;
-const MAX_BLIND_COUNTED: f64 = 0.15;
 
 impl Map<'_> {
-    /// The pattern, or what is missing for one.
-    pub fn finish(
-        mut self,
-        surface: Option<&Surface>,
-        rich: usize,
-        expected: Option<usize>,
-    ) -> std::result::Result<BuiltPattern, UnknownRejection> {
+    /// Whether most frames hang together and agree with the map.
+    ///
+    /// # Errors
+    /// What hinders that.
+    pub fn connected(&self, rich: usize) -> std::result::Result<(), UnknownRejection> {
         let placed = self.count();
         if (placed as f64) < MIN_PLACED * rich as f64 || placed < self.config.min_frames {
             return Err(UnknownRejection::Disconnected {
@@ -50,9 +48,15 @@ impl Map<'_> {
         if explained < MIN_EXPLAINED {
             return Err(UnknownRejection::Contradictory { explained });
         }
-        let Some(surface) = surface else {
-            return self.finish_by_detections(expected);
-        };
+        Ok(())
+    }
+
+    /// The pattern, or what is missing for one.
+    pub fn finish(
+        mut self,
+        surface: &Surface,
+        expected: Option<usize>,
+    ) -> std::result::Result<BuiltPattern, UnknownRejection> {
         let marks = marks(surface);
         let discs = marks.iter().filter(|m| m.is_disc());
         let mut radii: Vec<f64> = discs.map(|m| m.radius).collect();
@@ -72,7 +76,7 @@ impl Map<'_> {
     }
 
     /// The same where nothing is known of the surface.
-    fn finish_by_detections(
+    pub fn finish_by_detections(
         mut self,
         expected: Option<usize>,
     ) -> std::result::Result<BuiltPattern, UnknownRejection> {

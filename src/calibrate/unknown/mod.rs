@@ -50,8 +50,10 @@ const PLACED: f64 = 0.9;
 const MIN_VIEWS: usize = ESTABLISHED;
 
 /// What [`build_pattern`] is given of a clip.
-#[derive(Debug, Clone, Copy)]
-pub struct SurfaceObserver;
+#[derive(Debug, Default)]
+pub struct SurfaceObserver {
+    maker: AlbedoMaker,
+}
 
 impl SurfaceObserver {
     /// Settings under which detections are found and no pose is looked for, which is all that is needed.
@@ -72,10 +74,7 @@ impl BatchObserver for SurfaceObserver {
     type Kept = Albedo;
 
     fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<Albedo> {
-        let take = |outline: Outline| {
-            let mut maker = AlbedoMaker::default();
-            maker.take(&image.to_gray(), &outline.circle)
-        };
+        let take = |outline: Outline| self.maker.take(&image.to_gray(), &outline.circle);
         Ok(estimate.outline.map(take).unwrap_or_default())
     }
 }
@@ -251,8 +250,14 @@ pub fn build_pattern(
     let Some(map) = best else {
         return Ok(Err(UnknownRejection::TooFewFrames { found, needed }));
     };
-    let surface = albedos.map(|a| Surface::new(&map, a)).transpose()?;
-    Ok(map.finish(surface.as_ref(), rich.len(), expected_dots))
+    if let Err(rejection) = map.connected(rich.len()) {
+        return Ok(Err(rejection));
+    }
+    let Some(albedos) = albedos else {
+        return Ok(map.finish_by_detections(expected_dots));
+    };
+    let surface = Surface::new(&map, albedos)?;
+    Ok(map.finish(&surface, expected_dots))
 }
 
 /// Frames to begin with: rich in dots, spread over the clip.

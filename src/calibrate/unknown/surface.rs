@@ -8,7 +8,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use super::map::Map;
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, rotation_angle, spiral_directions};
-use crate::stats::median;
+use crate::stats::{SIGMA_PER_MAD, median};
 use crate::vision::albedo::Albedo;
 
 /// Places, 1.9 degrees apart.
@@ -26,8 +26,6 @@ const NEIGHBORS: f64 = 0.055;
 /// The bare ball about a place: this share of the places so near, radians, is no brighter.
 const BARE: f64 = 0.7;
 const ABOUT: f64 = 0.35;
-/// Standard deviation of a normal distribution over its median absolute deviation.
-const SIGMA_PER_MAD: f32 = 1.4826;
 
 type Tree = ImmutableKdTree<f64, 3>;
 
@@ -76,7 +74,7 @@ impl Surface {
             .filter(|k| views[*k] > 0)
             .map(|k| f64::from((raw[k] - smooth[k]).abs()))
             .collect();
-        let noise = SIGMA_PER_MAD * median(&mut off) as f32;
+        let noise = SIGMA_PER_MAD as f32 * median(&mut off) as f32;
         let mut around = Vec::new();
         let mut place = |k: usize| {
             let mut place = Place {

@@ -19,8 +19,7 @@ use crate::stats::{PairedDifference, Pairs, Proportion};
 use crate::validate::Trials;
 use crate::view::{Trial, ViewModel};
 
-/// Places on the ball, some 26 degrees apart: with 200 the ranking took 23 s of one core for 20 dots, and no place was better by more than a
-/// point.
+/// Places on the ball, some 26 degrees apart: with 200 the ranking took 23 s of one core for 20 dots.
 const PLACES: usize = 60;
 /// Places of each objective that are compared on trials.
 const COMPARED: usize = 2;

@@ -11,9 +11,10 @@ use nalgebra::{SMatrix, SVector};
 
 use super::super::patch::SIZE;
 use super::in_radii;
+use crate::stats::SIGMA_PER_MAD;
 
 /// Functions of the surface.
-const TERMS: usize = 9;
+pub(in crate::vision) const TERMS: usize = 9;
 /// Every so many pixels of the ball take part in the fit.
 const STRIDE: usize = 3;
 /// Reweighted fits.
@@ -27,8 +28,11 @@ const OUTLINE: f64 = 0.98;
 const RINGS_FROM: f64 = 0.8;
 /// Rings.
 const RINGS: usize = 6;
-/// Median of the absolute deviation of a Gaussian, inverted.
-const MAD: f32 = 1.4826;
+
+/// The functions of the surface at a normal.
+pub(in crate::vision) fn harmonics([x, y, z]: [f64; 3]) -> [f64; TERMS] {
+    [1.0, x, y, z, x * y, x * z, y * z, x * x - y * y, z * z]
+}
 
 /// A pixel of the ball.
 #[derive(Debug, Clone, Copy)]
@@ -78,7 +82,7 @@ impl Shading {
             }
             *on_ball = 1.0;
             let z = (1.0 - out * out).max(0.0).sqrt();
-            let terms = [1.0, x, y, z, x * y, x * z, y * z, x * x - y * y, z * z];
+            let terms = harmonics([x, y, z]);
             let ring = (out - RINGS_FROM) / (OUTLINE - RINGS_FROM) * RINGS as f64;
             places.push(Place {
                 index,
@@ -128,7 +132,7 @@ impl Shading {
             flat.sorted.clear();
             flat.sorted.extend(absolute);
             let widening = if round + 1 < ROUNDS / 2 { 1.5 } else { 1.0 };
-            reach = (widening * MAD * median(&mut flat.sorted)).max(1e-3);
+            reach = (widening * SIGMA_PER_MAD as f32 * median(&mut flat.sorted)).max(1e-3);
         }
         flat.noise = reach;
         flat.values.clear();

@@ -3,12 +3,14 @@
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 use super::super::ball_pixels::BallPixels;
+use super::super::blob::flatten::{self, harmonics};
 use super::super::camera::Pixel;
 use super::super::dense::{self, Terms};
+use crate::stats::SIGMA_PER_MAD;
 use crate::vision::net::graph::CELLS;
 
 /// Number of spherical harmonics.
-pub(super) const SHADES: usize = 9;
+pub(super) const SHADES: usize = flatten::TERMS;
 /// Pixels nearer to the outline than this are those of what is behind the ball, too.
 const EDGE_PX: f64 = 0.8;
 /// The tone curve's bend, between a line and sRGB's (`cap::tone`).
@@ -264,13 +266,13 @@ impl Pixels {
 /// The harmonics at a place, radii to the right of the middle and below it.
 fn shades(x: f64, y: f64) -> [f64; SHADES] {
     let z = (1.0 - x * x - y * y).max(0.0).sqrt();
-    [1.0, x, y, z, x * y, x * z, y * z, x * x - y * y, z * z]
+    harmonics([x, y, z])
 }
 
 /// The robust standard deviation of some absolute values.
 fn deviation(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
-    1.4826 * *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    SIGMA_PER_MAD * *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// A blurred dot in the image.

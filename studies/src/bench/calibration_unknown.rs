@@ -135,7 +135,7 @@ fn one(looks: &SynthConfig, seed: u64, k: u64, counted: bool) -> Outcome<Judged>
     let mut workspace = detecting.workspace();
     let mut estimates = Vec::with_capacity(clip.frames());
     let mut albedos = Vec::with_capacity(clip.frames());
-    let mut maker = AlbedoMaker::default();
+    let maker = AlbedoMaker::default();
     let shown = clip.show(|seen| {
         let mut found = FrameEstimate::default();
         let budget = Budget {

@@ -150,6 +150,7 @@ fn filmed(truth: &Pattern, print: &[Spot], axes: &[Vec3]) -> (Vec<FrameEstimate>
     let mut scene = Scene::random(truth, &looks, &mut rng).unwrap();
     scene.surface.strangers.extend_from_slice(print);
     let settings = SurfaceObserver::settings(BatchConfig::default());
+    let observer = SurfaceObserver::default();
     let mut filmed = (Vec::new(), Vec::new());
     for k in 0..STEPS * axes.len() {
         scene.noise_seed = k as u64;
@@ -158,7 +159,7 @@ fn filmed(truth: &Pattern, print: &[Spot], axes: &[Vec3]) -> (Vec<FrameEstimate>
         let mut found = FrameEstimate::default();
         let prior = Prior::default();
         estimator.estimate(&image, &prior, &settings.budget, &mut workspace, &mut found);
-        filmed.1.push(SurfaceObserver.keep(&image, &found).unwrap());
+        filmed.1.push(observer.keep(&image, &found).unwrap());
         filmed.0.push(found);
         let turn = axes[k / STEPS] * (std::f64::consts::TAU / STEPS as f64);
         scene.rotation = Rotation::from_scaled_axis(turn) * scene.rotation;
