@@ -58,6 +58,8 @@ mod config;
 mod fitted;
 mod holdout;
 mod identify;
+#[cfg(feature = "native")]
+pub mod live;
 mod looks;
 mod marks;
 mod presence;
@@ -73,7 +75,8 @@ pub use identify::identify_frames;
 pub use presence::MIN_EXPECTED_VIEWS;
 pub use result::{CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark};
 pub use unknown::{
-    BuiltPattern, SurfaceObserver, UnknownRejection, build_pattern, confirmed, matching_design,
+    BuiltPattern, MarkPlace, MissingSide, Side, SurfaceObserver, Survey, UnknownRejection,
+    build_pattern, confirmed, matching_design, survey,
 };
 
 use crate::error::{Error, Result};

@@ -170,11 +170,6 @@ impl Patch {
         }
     }
 
-    /// Where a position in the image lies in the patch for dots of a ball within `circle`: (column as u, row as v).
-    pub fn place(circle: &BallCircle, pixel: Pixel) -> Pixel {
-        in_patch(circle, circle.radius / Framing::DOTS.radius, pixel)
-    }
-
     /// Where a position in the image lies in the patch: (column as u, row as v).
     pub fn from_image(&self, pixel: Pixel) -> Pixel {
         in_patch(&self.circle, self.step(), pixel)

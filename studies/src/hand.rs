@@ -66,6 +66,8 @@ pub struct HandClip {
 pub struct Shown {
     /// Share of the ball's surface.
     pub share: f64,
+    /// Whether every dot faces the camera in enough frames.
+    pub all_dots: bool,
     /// For each dot whether print hides it.
     pub hidden: Vec<bool>,
 }
@@ -141,6 +143,7 @@ impl HandClip {
         let shown = faced.iter().filter(|n| **n >= VIEWS).count();
         let is_hidden = |[facing, seen]: &[usize; 2]| (*seen as f64) < HIDDEN * *facing as f64;
         Ok(Shown {
+            all_dots: views.iter().all(|[facing, _]| *facing >= VIEWS),
             share: shown as f64 / places.len() as f64,
             hidden: views.iter().map(is_hidden).collect(),
         })

@@ -1,12 +1,12 @@
 //! Whether a map is a pattern: most frames hang together, and they show the whole ball.
 
 use super::map::{Map, NEW_DEPTH};
-use super::marks::marks;
+use super::marks::{MarkPlace, marks};
 use super::surface::Surface;
 use super::{BuiltPattern, MIN_VIEWS, UnknownRejection};
 use crate::calibrate::bundle::Bundle;
 use crate::calibrate::result::rms_sigma_rad;
-use crate::geometry::{Vec3, spiral_directions};
+use crate::geometry::{Vec3, angle_between, spiral_directions};
 use crate::pattern::{MIN_DOTS, Pattern};
 use crate::stats::median;
 
@@ -20,6 +20,8 @@ const MIN_EXPLAINED: f64 = 0.8;
 /// Largest standard deviation of a dot's place, radians. Dots that only the limb shows have more, and the
 /// outline's error shifts them farther.
 const MAX_SIGMA_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
+/// Surface and detections that are farther apart, radians, do not show the same dot: the surface does then.
+pub(super) const AGREE_RAD: f64 = 1.0 * std::f64::consts::PI / 180.0;
 /// Places at which the coverage is looked up.
 const PLACES: usize = 400;
 /// Share of the places that may lack views: of twenty dots six in ten hide none there. Where the number of
@@ -53,7 +55,7 @@ impl Map<'_> {
 
     /// The pattern, or what is missing for one.
     pub fn finish(
-        mut self,
+        &mut self,
         surface: &Surface,
         expected: Option<usize>,
     ) -> std::result::Result<BuiltPattern, UnknownRejection> {
@@ -61,18 +63,14 @@ impl Map<'_> {
         let discs = marks.iter().filter(|m| m.is_disc());
         let mut radii: Vec<f64> = discs.map(|m| m.radius).collect();
         let blind = surface.unseen(SHOWS * median(&mut radii));
-        self.keep_dots(&marks, blind, expected)?;
+        let places = self.keep_dots(&marks, surface, blind, expected)?;
         let mut fitted = self.fit();
         for _ in 0..LAST_ROUNDS {
             self.rename();
             fitted = self.fit();
         }
-        let dots = self.faint();
-        if dots > 0 {
-            return Err(UnknownRejection::TooFaint { dots });
-        }
         let names: Vec<usize> = (0..self.dots.len()).collect();
-        self.pattern_of(&names, &fitted, blind)
+        self.pattern_of(&names, &fitted, blind, places)
     }
 
     /// The same where nothing is known of the surface.
@@ -94,15 +92,17 @@ impl Map<'_> {
         if let Some(expected) = expected.filter(|n| *n != found) {
             return Err(UnknownRejection::WrongNumber { expected, found });
         }
-        self.pattern_of(&names, &fitted, blind)
+        let places = vec![None; names.len()];
+        self.pattern_of(&names, &fitted, blind, places)
     }
 
     /// These dots as a pattern, where the places of all are known well.
     fn pattern_of(
-        &self,
+        &mut self,
         names: &[usize],
         fitted: &Bundle,
         blind: f64,
+        places: Vec<Option<MarkPlace>>,
     ) -> std::result::Result<BuiltPattern, UnknownRejection> {
         let found = names.len();
         if found < MIN_DOTS {
@@ -111,18 +111,34 @@ impl Map<'_> {
         let fits = fitted
             .dot_fits()
             .ok_or(UnknownRejection::NotCovered { blind })?;
-        let sigmas = names.iter().map(|&j| rms_sigma_rad(&fits[j].covariance));
-        let rough: Vec<f64> = sigmas.filter(|s| *s > MAX_SIGMA_RAD).collect();
-        if !rough.is_empty() {
+        let mut directions = Vec::with_capacity(found);
+        let mut rough: Vec<(Vec3, f64)> = Vec::new();
+        for (&j, place) in names.iter().zip(&places) {
+            let (direction, sigma) = (self.dots[j].direction, rms_sigma_rad(&fits[j].covariance));
+            let place = place.filter(|p| p.is_sure).map(|p| p.direction);
+            let agree = |place: Vec3| angle_between(&place, &direction) < AGREE_RAD;
+            match place {
+                _ if sigma <= MAX_SIGMA_RAD && place.is_none_or(agree) => {
+                    directions.push(direction);
+                }
+                Some(place) => directions.push(place),
+                None => rough.push((direction, sigma)),
+            }
+        }
+        if let Some((direction, _)) = rough.first() {
+            self.lacking = Some(*direction);
             return Err(UnknownRejection::AtTheLimb {
                 dots: rough.len(),
-                sigma_rad: rough.into_iter().fold(0.0, f64::max),
+                sigma_rad: rough.iter().map(|r| r.1).fold(0.0, f64::max),
             });
         }
-        let directions = names.iter().map(|&j| self.dots[j].direction).collect();
         let pattern =
             Pattern::new(directions).map_err(|_| UnknownRejection::NoPattern { found })?;
-        Ok(BuiltPattern { pattern, blind })
+        Ok(BuiltPattern {
+            pattern,
+            places,
+            blind,
+        })
     }
 
     /// Share of the detections that face the camera, of the placed frames, that are the map's dots.

@@ -6,11 +6,13 @@
 //! is known decides for doubtful marks where all of them are needed, or none.
 
 use super::map::{Map, MapDot};
-use super::marks::Mark;
+use super::marks::{Mark, MarkPlace};
+use super::surface::Surface;
 use super::tidy::FACING;
-use super::{ESTABLISHED, MIN_VIEWS, UnknownRejection};
+use super::{MIN_VIEWS, UnknownRejection};
 use crate::geometry::{Vec3, angle_between};
 use crate::stats::median;
+use crate::vision::albedo::map::SHOWN;
 use crate::vision::detect::LIKELY_DOT;
 
 /// A dot of the map so near a mark, radians or radii of the mark, is that mark; and one that is nearer than this is no other mark.
@@ -37,6 +39,10 @@ const HARDLY: f64 = 0.5;
 /// Fewer views of the bare ball beside a dark thing before it may hide a dot.
 const BARE_VIEWS: f64 = 3.0;
 const FEW_VIEWS: usize = 8;
+/// Where all is less dark, over the middle dot, the surface is bare, whatever the detector saw in some frames.
+const BARE: f64 = 0.07;
+/// A mark that is at least so dark over the middle dot, beside what no view shows, may be a dot.
+const FRINGE: f64 = 0.2;
 /// Print: no disc, steady, at least so dark over the middle dot, and no dot to the detector. Discs so near it, radians, may be print.
 const PRINT: f64 = 0.4;
 const PRINT_LIKENESS: f64 = 0.2;
@@ -45,8 +51,9 @@ const NEAR_PRINT: f64 = 0.3;
 const MIN_TYPICAL: usize = 4;
 /// Largest expected number of dots where no view shows the bare surface.
 const MAX_HIDDEN: f64 = 0.03;
-/// Dots found in a smaller share of the views that face them are too faint for the detector.
-const FAINT: f64 = 0.15;
+
+/// A dot, and where the surface shows it.
+type KeptDot = (MapDot, Option<MarkPlace>);
 
 /// What a dot looks like.
 struct Typical {
@@ -75,13 +82,15 @@ struct Witnessed<'m> {
 }
 
 impl Map<'_> {
-    /// Makes the dots among the marks the map's only ones. `blind` is the share of the surface that no view shows.
+    /// Makes the dots among the marks the map's only ones, and says where the surface shows each, if it does well. `blind` is the share of
+    /// the surface that no view shows.
     pub fn keep_dots(
         &mut self,
         marks: &[Mark],
+        surface: &Surface,
         blind: f64,
         expected: Option<usize>,
-    ) -> std::result::Result<(), UnknownRejection> {
+    ) -> std::result::Result<Vec<Option<MarkPlace>>, UnknownRejection> {
         let witnessed: Vec<Witnessed<'_>> = marks
             .iter()
             .map(|mark| Witnessed {
@@ -100,16 +109,17 @@ impl Map<'_> {
             .filter(|w| typical.is_print(w))
             .map(|w| w.mark.direction)
             .collect();
-        let mut dots: Vec<(MapDot, Kind)> = Vec::new();
+        let mut dots: Vec<(KeptDot, Kind)> = Vec::new();
         let mut hidden = 0.0;
         for seen in &witnessed {
             let kind = typical.kind(seen, &print);
             if kind == Kind::Other && typical.hides(seen.mark) {
                 hidden += 0.25 * seen.mark.radius.powi(2);
+                self.lacking = Some(seen.mark.direction);
             }
             let known = seen.joined.map(|j| self.dots[j]);
             let dot = known.unwrap_or_else(|| new_dot(&seen.mark.direction));
-            dots.push((dot, kind));
+            dots.push(((dot, Some(seen.mark.place())), kind));
         }
         // What the detector sees and the surface does not show.
         for j in self.established() {
@@ -117,15 +127,19 @@ impl Map<'_> {
             let is_there =
                 |m: &Mark| angle_between(&m.direction, &at) < BESIDE.max(SAME[1] * m.radius);
             if !marks.iter().any(is_there) && self.is_likely(j) {
-                let is_dot =
-                    self.likeness(&at) >= Some(SEEN * typical.likeness) && print.is_empty();
-                let kind = if is_dot { Kind::Dot } else { Kind::Doubtful };
-                dots.push((self.dots[j], kind));
+                let is_seen = self.likeness(&at) >= Some(SEEN * typical.likeness);
+                let kind = match () {
+                    () if is_seen && print.is_empty() => Kind::Dot,
+                    () if !is_seen && surface.is_bare(&at, BARE * typical.darkness) => Kind::Other,
+                    () => Kind::Doubtful,
+                };
+                dots.push(((self.dots[j], None), kind));
             }
         }
         let of = |kind: Kind| dots.iter().filter(move |d| d.1 == kind).map(|d| d.0);
         let away = of(Kind::TurnedAway).count();
-        if away > 0 {
+        if let Some(((dot, _), _)) = dots.iter().find(|d| d.1 == Kind::TurnedAway) {
+            self.lacking = Some(dot.direction);
             return Err(UnknownRejection::TurnedAway { dots: away });
         }
         let blind = blind + hidden;
@@ -133,9 +147,11 @@ impl Map<'_> {
             return Err(UnknownRejection::NotCovered { blind });
         }
         let (sure, doubtful) = (of(Kind::Dot).count(), of(Kind::Doubtful).count());
-        let mut kept: Vec<MapDot> = of(Kind::Dot).collect();
+        let mut kept: Vec<KeptDot> = of(Kind::Dot).collect();
         match expected {
             Some(expected) if expected == sure => {}
+            // Of discs beside print some are print, and nothing tells which.
+            None if !print.is_empty() => return Err(UnknownRejection::Printed { sure, doubtful }),
             None if doubtful == 0 => {}
             Some(expected) if expected == sure + doubtful => kept.extend(of(Kind::Doubtful)),
             Some(expected) if expected < sure || expected > sure + doubtful => {
@@ -144,18 +160,10 @@ impl Map<'_> {
             }
             _ => return Err(UnknownRejection::Doubtful { sure, doubtful }),
         }
-        self.dots = kept;
+        let places = kept.iter().map(|(_, place)| *place).collect();
+        self.dots = kept.into_iter().map(|(dot, _)| dot).collect();
         self.rename();
-        Ok(())
-    }
-
-    /// Number of dots that the detector finds too seldom.
-    pub fn faint(&self) -> usize {
-        let is_faint = |j: &usize| {
-            let (found, views) = self.rate(*j);
-            self.dots[*j].found < ESTABLISHED || (found as f64) < FAINT * views as f64
-        };
-        (0..self.dots.len()).filter(is_faint).count()
+        Ok(places)
     }
 
     /// The mean, over the views that a place faces, of the probability of a dot there; `None` where there is none.
@@ -231,8 +239,7 @@ impl Typical {
         let Witnessed { mark, .. } = seen;
         let is_dot = self.likeness(seen).is_none_or(|l| l >= PRINT_LIKENESS);
         let is_steady = mark.views >= FEW_VIEWS && mark.steady >= STEADY;
-        let is_shape = mark.is_no_disc() || (!mark.is_disc() && !is_dot);
-        is_steady && is_shape && mark.darkness >= PRINT * self.darkness
+        is_steady && mark.is_drawn() && !is_dot && mark.darkness >= PRINT * self.darkness
     }
 
     /// Whether a mark that is no dot hides what is below it in nearly all views: a finger.
@@ -242,17 +249,15 @@ impl Typical {
     }
 
     /// Whether radius and darkness are those of a dot.
-    fn is_like(&self, mark: &Mark, [radius, darkness]: [[f64; 2]; 2]) -> bool {
+    fn is_sized(&self, mark: &Mark, [radius, darkness]: [[f64; 2]; 2]) -> bool {
         let within = |x: f64, [low, high]: [f64; 2]| (low..=high).contains(&x);
-        mark.is_disc()
-            && within(mark.radius / self.radius, radius)
-            && within(mark.darkness / self.darkness, darkness)
+        within(mark.radius / self.radius, radius) && within(mark.darkness / self.darkness, darkness)
     }
 
     fn kind(&self, seen: &Witnessed<'_>, print: &[Vec3]) -> Kind {
         let Witnessed { mark, joined, .. } = seen;
-        let Some(likeness) = self.likeness(seen) else {
-            let may_be = joined.is_some() || self.is_like(mark, ALONE);
+        let Some(likeness) = self.likeness(seen).filter(|_| mark.views >= SHOWN) else {
+            let may_be = joined.is_some() || mark.darkness >= FRINGE * self.darkness;
             return if may_be {
                 Kind::TurnedAway
             } else {
@@ -261,18 +266,20 @@ impl Typical {
         };
         let is_steady = mark.steady >= STEADY;
         if print.is_empty() {
-            let is_like = self.is_like(mark, ALONE) && is_steady;
+            let is_sized = self.is_sized(mark, ALONE);
+            let is_like = mark.is_disc() && is_sized && is_steady;
             return match likeness {
-                l if l >= SUSPECTED => Kind::Dot,
+                l if l >= SUSPECTED && is_sized && !mark.is_no_disc() => Kind::Dot,
+                l if l >= SUSPECTED => Kind::Doubtful,
                 l if l >= UNSEEN && is_like => Kind::Dot,
-                l if l >= UNSEEN => Kind::Doubtful,
+                l if l >= UNSEEN && mark.darkness >= ALONE[1][0] * self.darkness => Kind::Doubtful,
                 // Faint dots are none to a detector that hardly sees the others.
                 _ if is_like && self.likeness < CLEAR => Kind::Doubtful,
                 _ => Kind::Other,
             };
         }
         let is_apart = |p: &Vec3| angle_between(p, &mark.direction) > NEAR_PRINT;
-        let is_like = self.is_like(mark, BESIDE_PRINT) && is_steady;
+        let is_like = mark.is_disc() && self.is_sized(mark, BESIDE_PRINT) && is_steady;
         match likeness {
             l if l < UNSEEN => Kind::Other,
             l if l >= SEEN && is_like && print.iter().all(is_apart) => Kind::Dot,

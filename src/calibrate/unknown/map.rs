@@ -86,6 +86,8 @@ pub(super) struct Map<'a> {
     tried: Vec<Option<usize>>,
     /// See [`Map::learn_turns`].
     ahead_sigma_rad: f64,
+    /// Where something is that the clip does not show well enough.
+    pub lacking: Option<Vec3>,
 }
 
 impl<'a> Map<'a> {
@@ -118,6 +120,7 @@ impl<'a> Map<'a> {
             placed,
             tried: vec![None; frames.len()],
             ahead_sigma_rad: AHEAD_SIGMAS_RAD[1],
+            lacking: None,
         }
     }
 

@@ -21,22 +21,29 @@ mod map;
 mod marks;
 mod seen;
 mod surface;
+mod survey;
 mod tidy;
 
 use super::config::CalibrationConfig;
 use super::result::{Calibration, DotState};
 use crate::error::Result;
+use crate::geometry::angle_between;
 use crate::image::RgbImage;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::vision::FrameEstimate;
 use crate::vision::albedo::{Albedo, AlbedoMaker};
 use crate::vision::estimator::{BatchConfig, BatchObserver};
 use crate::vision::{Budget, Outline};
+use nalgebra::Matrix2;
 
+use coverage::AGREE_RAD;
 pub use design::matching_design;
 use map::Map;
+use marks::MARK_SIGMA_RAD;
+pub use marks::MarkPlace;
 use seen::Seen;
 use surface::Surface;
+pub use survey::{MissingSide, Side, Survey};
 
 /// Minimum number of dots of a frame that begins a map.
 const MIN_SEED: usize = 5;
@@ -60,11 +67,16 @@ impl SurfaceObserver {
     pub fn settings(batch: BatchConfig) -> BatchConfig {
         BatchConfig {
             independent: true,
-            budget: Budget {
-                runs: 1,
-                ..Budget::default()
-            },
+            budget: Self::budget(),
             ..batch
+        }
+    }
+
+    /// What finding the detections of a frame may cost.
+    pub fn budget() -> Budget {
+        Budget {
+            runs: 1,
+            ..Budget::default()
         }
     }
 }
@@ -84,6 +96,8 @@ impl BatchObserver for SurfaceObserver {
 pub struct BuiltPattern {
     /// The pattern, in a frame of its own.
     pub pattern: Pattern,
+    /// For each dot where the ball's surface shows it, if it does.
+    pub places: Vec<Option<MarkPlace>>,
     /// Share of the ball's surface that hardly any frame shows: a dot there is not in the pattern.
     pub blind: f64,
 }
@@ -129,6 +143,17 @@ pub enum UnknownRejection {
     )]
     Doubtful {
         /// Marks that are dots.
+        sure: usize,
+        /// Marks that may be.
+        doubtful: usize,
+    },
+    /// Print beside the dots.
+    #[error(
+        "there is print on the ball, beside {sure} marks that look like dots and {doubtful} that may be: count the \
+         dots on the ball and give their number (--dots)"
+    )]
+    Printed {
+        /// Marks that look like dots.
         sure: usize,
         /// Marks that may be.
         doubtful: usize,
@@ -195,15 +220,43 @@ pub enum UnknownRejection {
     },
 }
 
-/// Whether a calibration of a built pattern confirms all its dots.
+impl UnknownRejection {
+    /// Whether a part of the ball is not shown well enough.
+    fn is_of_coverage(&self) -> bool {
+        matches!(
+            self,
+            Self::NotCovered { .. } | Self::TurnedAway { .. } | Self::AtTheLimb { .. }
+        )
+    }
+}
+
+/// The calibration of a built pattern, with the dots that the estimator sees too seldom for it where the ball's surface shows them.
 ///
 /// # Errors
-/// [`UnknownRejection::Unconfirmed`] where it does not.
-pub fn confirmed(calibration: &Calibration) -> std::result::Result<(), UnknownRejection> {
-    let lost = calibration.count(DotState::Missing) + calibration.count(DotState::Unseen);
-    let (dots, found) = (lost, calibration.dots.len());
+/// [`UnknownRejection::Unconfirmed`] where dots are confirmed neither by the estimator nor by the surface.
+pub fn confirmed(
+    mut calibration: Calibration,
+    built: &BuiltPattern,
+) -> std::result::Result<Calibration, UnknownRejection> {
+    let (mut dots, found) = (0, calibration.dots.len());
+    for (dot, place) in calibration.dots.iter_mut().zip(&built.places) {
+        let is_found = matches!(dot.state, DotState::Measured | DotState::Doubtful);
+        match place {
+            Some(place) if !is_found && place.is_sure => {
+                dot.state = DotState::Measured;
+                dot.direction = place.direction;
+                dot.covariance = Matrix2::identity() * MARK_SIGMA_RAD.powi(2);
+            }
+            // Few views of a dot may all err to one side.
+            Some(place) if is_found && !place.is_sure => {
+                let apart = angle_between(&place.direction, &dot.direction);
+                dots += usize::from(apart > AGREE_RAD);
+            }
+            _ => dots += usize::from(!is_found),
+        }
+    }
     match dots {
-        0 => Ok(()),
+        0 => Ok(calibration),
         _ => Err(UnknownRejection::Unconfirmed { dots, found }),
     }
 }
@@ -220,7 +273,49 @@ pub fn build_pattern(
     expected_dots: Option<usize>,
     config: &CalibrationConfig,
 ) -> Result<std::result::Result<BuiltPattern, UnknownRejection>> {
+    if let Some(albedos) = albedos {
+        return Ok(survey(estimates, albedos, expected_dots, config)?.pattern);
+    }
     config.check()?;
+    let map = grown(estimates, config)?;
+    Ok(map.and_then(|map| map.finish_by_detections(expected_dots)))
+}
+
+/// As [`build_pattern`], with what the clip shows of the ball and what it lacks.
+///
+/// # Errors
+/// [`crate::Error::Argument`] for settings outside their domains.
+pub fn survey(
+    estimates: &[FrameEstimate],
+    albedos: &[Albedo],
+    expected_dots: Option<usize>,
+    config: &CalibrationConfig,
+) -> Result<Survey> {
+    config.check()?;
+    let mut map = match grown(estimates, config)? {
+        Ok(map) => map,
+        Err(rejection) => return Ok(Survey::rejected(estimates.len(), rejection)),
+    };
+    let surface = Surface::new(&mut map, albedos)?;
+    let pattern = map.finish(&surface, expected_dots);
+    Ok(Survey {
+        frames: estimates.len(),
+        placed: map.count(),
+        dots: map.dots.len(),
+        shown: surface.shown(),
+        missing: match &pattern {
+            Err(rejection) if rejection.is_of_coverage() => map.missing(&surface),
+            _ => None,
+        },
+        pattern,
+    })
+}
+
+/// The map of most frames, where they hang together.
+fn grown<'a>(
+    estimates: &'a [FrameEstimate],
+    config: &'a CalibrationConfig,
+) -> Result<std::result::Result<Map<'a>, UnknownRejection>> {
     let frames: Vec<Seen> = estimates
         .iter()
         .enumerate()
@@ -250,14 +345,7 @@ pub fn build_pattern(
     let Some(map) = best else {
         return Ok(Err(UnknownRejection::TooFewFrames { found, needed }));
     };
-    if let Err(rejection) = map.connected(rich.len()) {
-        return Ok(Err(rejection));
-    }
-    let Some(albedos) = albedos else {
-        return Ok(map.finish_by_detections(expected_dots));
-    };
-    let surface = Surface::new(&map, albedos)?;
-    Ok(map.finish(&surface, expected_dots))
+    Ok(map.connected(rich.len()).map(|()| map))
 }
 
 /// Frames to begin with: rich in dots, spread over the clip.

@@ -1,11 +1,11 @@
 //! What a frame shows: the detections that face the camera.
 
 use crate::calibrate::bundle::FrameView;
-use crate::geometry::Vec3;
+use crate::geometry::{Rotation, Vec3};
 use crate::recognize::DotUncertainty;
 use crate::vision::DotDetection;
 use crate::vision::FrameEstimate;
-use crate::vision::camera::{BallView, Pixel};
+use crate::vision::camera::BallView;
 use crate::vision::detect::LIKELY_DOT;
 use crate::vision::estimator::{CameraModel, Outline};
 
@@ -65,9 +65,14 @@ impl Seen {
         }
     }
 
-    /// Where a direction of the camera's frame is seen.
-    pub fn pixel(&self, direction: &Vec3) -> Pixel {
-        self.view.view.project(&(self.view.to_view * direction))
+    /// How the ball is seen.
+    pub fn view(&self) -> BallView {
+        self.view.view
+    }
+
+    /// The camera's frame to the view's.
+    pub fn to_view(&self) -> Rotation {
+        self.view.to_view
     }
 
     /// How far a direction of the camera's frame faces the camera: see [`FrameView::depth`].

@@ -1,40 +1,37 @@
-//! The surface of a ball by all frames of a clip: what is drawn on it, place by place.
+//! What is dark on the surface of a ball, place by place, by all frames of a clip.
 //!
-//! Every placed frame says how bright each place that faces the camera is over the bare ball ([`Albedo`]). The median over views
-//! from different sides is the ball's: noise, glints, shadows and fingers do not turn with it and leave.
+//! The frames that the detections placed make the first map ([`AlbedoMap`]); all frames are then laid on it by their pixels, those
+//! that showed too few dots too, and make the next.
 
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
-
-use super::map::Map;
-use crate::error::{Error, Result};
-use crate::geometry::{Rotation, Vec3, rotation_angle, spiral_directions};
-use crate::stats::{SIGMA_PER_MAD, median};
+use super::map::{Map, Placed};
+use crate::concurrency;
+use crate::error::Result;
+use crate::geometry::{Rotation, Vec3};
+use crate::stats::median;
 use crate::vision::albedo::Albedo;
+use crate::vision::albedo::map::{AlbedoMap, PosedAlbedo, SHOWN};
 
-/// Places, 1.9 degrees apart.
-const PLACES: usize = 12_000;
-/// Depth from which a view shows a place well enough.
-const FACING: f64 = 0.2;
-/// The ball turns by so much, radians, between two views that count: in a pause the fingers do not move on it.
-const TURNED: f64 = 0.05;
-/// Fewer views of a place may be of a finger.
-const SHOWN: usize = 2;
-/// Steps of brightness, up to twice the bare ball's.
-const STEPS: usize = 64;
-/// Places so near, radians, are neighbors, and are averaged.
-const NEIGHBORS: f64 = 0.055;
+/// Maps made one from the other.
+const ROUNDS: usize = 2;
+/// A frame that agrees with the map by less than this part of the middle frame is not placed.
+const AGREES: f64 = 0.6;
 /// The bare ball about a place: this share of the places so near, radians, is no brighter.
 const BARE: f64 = 0.7;
 const ABOUT: f64 = 0.35;
-
-type Tree = ImmutableKdTree<f64, 3>;
+/// Places so near, radians, and views of them that tell whether there is nothing.
+const NEAR: f64 = 0.03;
+const FEW_VIEWS: usize = 8;
+/// Of the places about one, every so many-th is looked at.
+const STRIDE: usize = 3;
 
 /// The ball's surface, in the map's frame.
 pub(super) struct Surface {
     pub places: Vec<Place>,
     /// Standard deviation of a place's darkness.
     pub noise: f32,
-    tree: Tree,
+    /// The darkness of the bare ball, which is no more than its noise.
+    pub floor: f32,
+    map: AlbedoMap,
 }
 
 /// A place of the surface.
@@ -50,31 +47,30 @@ pub(super) struct Place {
 }
 
 impl Surface {
-    /// By the placed frames of a map. `albedos` are those of the map's estimates.
-    pub fn new(map: &Map<'_>, albedos: &[Albedo]) -> Result<Self> {
-        let directions: Vec<Vec3> = spiral_directions(PLACES).collect();
-        let points: Vec<[f64; 3]> = directions.iter().map(|d| [d.x, d.y, d.z]).collect();
-        let tree = Tree::new_from_slice(&points)
-            .map_err(|e| Error::argument("surface", format!("no search tree: {e}")))?;
-        let counts = count(map, albedos, &directions);
-        let raw: Vec<f32> = counts.iter().map(middle).collect();
-        let views: Vec<usize> = counts.iter().map(views).collect();
-        let mean = |k: usize| -> f32 {
-            let (mut sum, mut weight) = (0.0, 0.0);
-            near(&tree, &directions[k], NEIGHBORS, |j| {
-                if views[j] > 0 {
-                    sum += raw[j];
-                    weight += 1.0;
-                }
-            });
-            if weight > 0.0 { sum / weight } else { 1.0 }
-        };
-        let smooth: Vec<f32> = (0..PLACES).map(mean).collect();
-        let mut off: Vec<f64> = (0..PLACES)
-            .filter(|k| views[*k] > 0)
-            .map(|k| f64::from((raw[k] - smooth[k]).abs()))
+    /// By the frames of a map, which it places anew. `albedos` are those of the map's estimates.
+    pub fn new(map: &mut Map<'_>, albedos: &[Albedo]) -> Result<Self> {
+        let mut poses: Vec<Option<Rotation>> = (0..map.frames.len())
+            .map(|k| Some(map.frames[k].to_view() * map.placed[k].as_ref()?.rotation))
             .collect();
-        let noise = SIGMA_PER_MAD as f32 * median(&mut off) as f32;
+        let mut surface = AlbedoMap::new(&posed(map, albedos, &poses))?;
+        for _ in 0..ROUNDS {
+            lay(&surface, map, albedos, &mut poses);
+            surface = AlbedoMap::new(&posed(map, albedos, &poses))?;
+        }
+        for (k, pose) in poses.iter().enumerate() {
+            let to_view = map.frames[k].to_view();
+            map.placed[k] = pose.map(|rotation| Placed {
+                rotation: to_view.inverse() * rotation,
+                names: vec![None; map.frames[k].dots.len()],
+            });
+        }
+        map.rename();
+        Ok(Self::of(surface))
+    }
+
+    fn of(map: AlbedoMap) -> Self {
+        let directions = map.directions();
+        let (values, views) = (map.values(), map.views());
         let mut around = Vec::new();
         let mut place = |k: usize| {
             let mut place = Place {
@@ -85,32 +81,49 @@ impl Surface {
             };
             if place.views > 0 {
                 around.clear();
-                near(&tree, &directions[k], ABOUT, |j| {
-                    if views[j] > 0 {
-                        around.push(smooth[j]);
+                map.near(&directions[k], ABOUT, |j| {
+                    if views[j] > 0 && j % STRIDE == 0 {
+                        around.push(values[j]);
                     }
                 });
+                around.push(values[k]);
                 let nth = ((around.len() - 1) as f64 * BARE) as usize;
                 let (_, bare, _) = around.select_nth_unstable_by(nth, f32::total_cmp);
-                place.darkness = (*bare - smooth[k]).max(0.0);
-                let halfway = 0.5 * (*bare + smooth[k]);
-                let dark = (0.5 * halfway * STEPS as f32).round() as usize;
-                let dark = counts[k][..dark.min(STEPS)].iter().map(|n| usize::from(*n));
-                place.steady = dark.sum::<usize>() as f32 / place.views as f32;
+                place.darkness = (*bare - values[k]).max(0.0);
+                place.steady = map.darker(k, 0.5 * (*bare + values[k]));
             }
             place
         };
-        let places = (0..PLACES).map(&mut place).collect();
-        Ok(Self {
+        let places: Vec<Place> = (0..directions.len()).map(&mut place).collect();
+        let seen = places.iter().filter(|p| p.views > 0);
+        let mut darkness: Vec<f64> = seen.map(|p| f64::from(p.darkness)).collect();
+        Self {
             places,
-            noise,
-            tree,
-        })
+            floor: median(&mut darkness) as f32,
+            noise: map.noise(),
+            map,
+        }
+    }
+
+    /// Share of the surface that the frames show.
+    pub fn shown(&self) -> f64 {
+        let shown = self.places.iter().filter(|p| p.views >= SHOWN).count();
+        shown as f64 / self.places.len() as f64
     }
 
     /// Calls `take` with every place nearer to a direction than `within`, radians.
     pub fn near(&self, direction: &Vec3, within: f64, take: impl FnMut(usize)) {
-        near(&self.tree, direction, within, take);
+        self.map.near(direction, within, take);
+    }
+
+    /// Whether the places about a direction are all less dark than `darkness`, in enough views to tell.
+    pub fn is_bare(&self, direction: &Vec3, darkness: f64) -> bool {
+        let mut is_bare = true;
+        self.near(direction, NEAR, |k| {
+            let place = &self.places[k];
+            is_bare &= place.views >= FEW_VIEWS && f64::from(place.darkness) < darkness;
+        });
+        is_bare
     }
 
     /// Solid angle of a place.
@@ -132,59 +145,74 @@ impl Surface {
     }
 }
 
-fn near(tree: &Tree, about: &Vec3, within: f64, mut take: impl FnMut(usize)) {
-    let chord = 2.0 * (0.5 * within).sin();
-    let point = [about.x, about.y, about.z];
-    let found = tree
-        .query(&point)
-        .within::<SquaredEuclidean<f64>>(chord * chord)
-        .execute();
-    found.iter().for_each(|n| take(n.item as usize));
+/// The frames that are placed.
+fn posed<'a>(
+    map: &Map<'_>,
+    albedos: &'a [Albedo],
+    poses: &[Option<Rotation>],
+) -> Vec<PosedAlbedo<'a>> {
+    let posed = map.frames.iter().zip(poses);
+    let posed = posed.filter_map(|(seen, pose)| {
+        let albedo = albedos.get(seen.index).filter(|a| !a.is_empty())?;
+        Some(PosedAlbedo {
+            albedo,
+            view: seen.view(),
+            rotation: (*pose)?,
+        })
+    });
+    posed.collect()
 }
 
-/// For each place how many views show it how bright.
-fn count(map: &Map<'_>, albedos: &[Albedo], directions: &[Vec3]) -> Vec<[u16; STEPS]> {
-    let mut counts = vec![[0u16; STEPS]; directions.len()];
-    let mut last: Option<Rotation> = None;
-    for (seen, placed) in map.frames.iter().zip(&map.placed) {
-        let Some(placed) = placed else { continue };
-        if last.is_some_and(|last| rotation_angle(&last, &placed.rotation) < TURNED) {
-            continue;
+/// Lays every frame on the surface, those that are not placed from their neighbors on.
+fn lay(surface: &AlbedoMap, map: &Map<'_>, albedos: &[Albedo], poses: &mut [Option<Rotation>]) {
+    let frame = |k: usize, rotation: Rotation| {
+        let seen = &map.frames[k];
+        let albedo = albedos.get(seen.index).filter(|a| !a.is_empty())?;
+        Some(PosedAlbedo {
+            albedo,
+            view: seen.view(),
+            rotation,
+        })
+    };
+    let laid = |k: usize, start: Rotation| {
+        let mut frame = frame(k, start)?;
+        frame.rotation = surface.align(&frame)?;
+        Some((frame.rotation, surface.agreement(&frame)))
+    };
+    let all: Vec<usize> = (0..poses.len()).collect();
+    let agreements = concurrency::map(&all, |k| Some(surface.agreement(&frame(*k, poses[*k]?)?)));
+    let least = AGREES * median(&mut agreements.into_iter().flatten().collect::<Vec<f64>>());
+    // Outwards from the placed ones.
+    loop {
+        let open: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].is_none()).collect();
+        let found = concurrency::map(&open, |k| {
+            let starts = starts(*k, poses);
+            let tried = starts.into_iter().filter_map(|start| laid(*k, start));
+            let best = tried.max_by(|a, b| a.1.total_cmp(&b.1));
+            best.filter(|l| l.1 >= least)
+        });
+        if found.iter().all(Option::is_none) {
+            return;
         }
-        let circle = map.estimates[seen.index].outline.map(|o| o.circle);
-        let (Some(circle), Some(albedo)) = (circle, albedos.get(seen.index)) else {
-            continue;
-        };
-        last = Some(placed.rotation);
-        for (direction, counts) in directions.iter().zip(&mut counts) {
-            let in_camera = placed.rotation * direction;
-            if seen.depth(&in_camera) < FACING {
-                continue;
-            }
-            if let Some(ratio) = albedo.at(&circle, seen.pixel(&in_camera)) {
-                let step = (ratio * 0.5 * STEPS as f32) as usize;
-                let count = &mut counts[step.min(STEPS - 1)];
-                *count = count.saturating_add(1);
-            }
+        for (k, found) in open.into_iter().zip(found) {
+            poses[k] = found.map(|f| f.0);
         }
     }
-    counts
 }
 
-fn views(counts: &[u16; STEPS]) -> usize {
-    counts.iter().map(|n| usize::from(*n)).sum()
-}
-
-/// The median of counted brightnesses; that of the bare ball where there is none.
-fn middle(counts: &[u16; STEPS]) -> f32 {
-    let half = 0.5 * views(counts) as f32;
-    let mut below = 0.0;
-    for (step, count) in counts.iter().enumerate() {
-        let count = f32::from(*count);
-        if count > 0.0 && below + count >= half {
-            return 2.0 * (step as f32 + (half - below) / count) / STEPS as f32;
+/// Where a frame may lie: as its neighbors, and where their turns lead.
+fn starts(k: usize, poses: &[Option<Rotation>]) -> Vec<Rotation> {
+    let at = |k: Option<usize>| *poses.get(k?)?;
+    let sides = [
+        [k.checked_sub(1), k.checked_sub(2)],
+        [Some(k + 1), Some(k + 2)],
+    ];
+    let mut starts = Vec::new();
+    for [one, two] in sides {
+        starts.extend(at(one));
+        if let (Some(one), Some(two)) = (at(one), at(two)) {
+            starts.push(one * two.inverse() * one);
         }
-        below += count;
     }
-    1.0
+    starts
 }

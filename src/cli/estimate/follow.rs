@@ -9,25 +9,13 @@ use serde_json::{Value, json};
 
 use super::{Arguments, output};
 use crate::ball::Ball;
+use crate::cli::images::is_file;
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
-use crate::image::RawPixel;
 use crate::source::grab::{Grabber, WhenFull};
 use crate::source::pipe::{PipeFormat, PipeReader};
 use crate::source::{Frame, FrameSource};
 use crate::vision::estimator::{SequenceConfig, Tracker, TrackerConfig, TrackerState};
-
-/// Parses `WxH,PIXEL`.
-pub(super) fn raw(text: &str) -> std::result::Result<PipeFormat, String> {
-    let expected = "expected columns, rows and channels as in 640x480,gray (or rgb, bgr)";
-    let (size, pixel) = text.split_once(',').ok_or(expected)?;
-    let (width, height) = size.split_once('x').ok_or(expected)?;
-    Ok(PipeFormat::Raw {
-        width: width.trim().parse().map_err(|_| expected)?,
-        height: height.trim().parse().map_err(|_| expected)?,
-        pixel: pixel.trim().parse::<RawPixel>().map_err(|_| expected)?,
-    })
-}
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let [path] = &arguments.images[..] else {
@@ -92,16 +80,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         );
     }
     finish(&input.name, followed, identified)
-}
-
-/// Whether an input is a file rather than a pipe.
-fn is_file(path: &Path) -> bool {
-    let path = if path == Path::new("-") {
-        Path::new("/dev/stdin")
-    } else {
-        path
-    };
-    std::fs::metadata(path).is_ok_and(|meta| meta.is_file())
 }
 
 fn max_latency(ms: Option<f64>) -> Result<Option<Duration>> {

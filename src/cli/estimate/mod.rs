@@ -155,7 +155,7 @@ pub struct Arguments {
     follow: bool,
     /// The pipe holds raw video of this size, 8 bits a channel: gray, rgb or bgr [default: image
     /// files one after another, PNG, JPEG, PGM or PPM].
-    #[arg(long, value_name = "WxH,PIXEL", value_parser = follow::raw, requires = "follow")]
+    #[arg(long, value_name = "WxH,PIXEL", value_parser = crate::cli::images::pipe_format, requires = "follow")]
     raw: Option<PipeFormat>,
     /// The most time for a frame, milliseconds: then the search for the ball ends, and the frame has no answer [default:
     /// no limit].

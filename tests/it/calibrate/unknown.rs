@@ -2,13 +2,19 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use spindoe::calibrate::{CalibrationConfig, SurfaceObserver, UnknownRejection, build_pattern};
+use spindoe::calibrate::live::LiveClip;
+use spindoe::calibrate::{
+    CalibrationConfig, Side, SurfaceObserver, UnknownRejection, build_pattern, survey,
+};
 use spindoe::geometry::{Rotation, Vec3, angle_between, spiral_directions};
+use spindoe::image::{Picture, RawPixel, RgbImage};
 use spindoe::synth::pen::Spot;
 use spindoe::synth::{Scene, SynthConfig};
-use spindoe::vision::albedo::Albedo;
+use spindoe::vision::albedo::map::{AlbedoMap, PosedAlbedo};
+use spindoe::vision::albedo::{Albedo, AlbedoMaker};
+use spindoe::vision::camera::BallView;
 use spindoe::vision::estimator::{BatchConfig, BatchObserver};
-use spindoe::vision::{DetectorName, FrameEstimate, Prior};
+use spindoe::vision::{Camera, DetectorName, FrameEstimate, NamedDetector, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 use spindoe::{Estimator, EstimatorConfig};
 
@@ -137,34 +143,48 @@ fn what_is_missing_for_a_pattern_is_said() {
     );
 }
 
-/// The frames of a ball that turns once about one axis and once about another, and what they show of its surface: the ball of
-/// `truth`, and print where it is given.
-fn filmed(truth: &Pattern, print: &[Spot], axes: &[Vec3]) -> (Vec<FrameEstimate>, Vec<Albedo>) {
-    const STEPS: usize = 45;
-    let stand_in = Pattern::new(spiral_directions(20).collect()).unwrap();
-    let detector = DetectorName::Cnn.build().unwrap();
-    let estimator = Estimator::new(&stand_in, EstimatorConfig::default(), detector).unwrap();
-    let mut workspace = estimator.workspace();
+/// Frames of one turn.
+const STEPS: usize = 45;
+
+/// The pictures of a ball that turns once about each axis, and how it lies in them: the ball of `truth`, and print where it is given.
+fn pictures(truth: &Pattern, print: &[Spot], axes: &[Vec3]) -> Vec<(RgbImage, Rotation)> {
     let looks = SynthConfig::good().unprinted().as_designed();
     let mut rng = ChaCha8Rng::seed_from_u64(35);
     let mut scene = Scene::random(truth, &looks, &mut rng).unwrap();
     scene.surface.strangers.extend_from_slice(print);
+    scene.spin = Vec3::zeros();
+    let frames = (0..STEPS * axes.len()).map(|k| {
+        scene.noise_seed = k as u64;
+        let image = scene.render().unwrap().image;
+        let rotation = scene.rotation;
+        let turn = axes[k / STEPS] * (std::f64::consts::TAU / STEPS as f64);
+        scene.rotation = Rotation::from_scaled_axis(turn) * scene.rotation;
+        (image, rotation)
+    });
+    frames.collect()
+}
+
+/// An estimator for its detections only.
+fn detecting() -> Estimator<NamedDetector> {
+    let stand_in = Pattern::new(spiral_directions(20).collect()).unwrap();
+    let detector = DetectorName::Cnn.build().unwrap();
+    Estimator::new(&stand_in, EstimatorConfig::default(), detector).unwrap()
+}
+
+/// The frames of such pictures, and what they show of the ball's surface.
+fn filmed(truth: &Pattern, print: &[Spot], axes: &[Vec3]) -> (Vec<FrameEstimate>, Vec<Albedo>) {
+    let estimator = detecting();
+    let mut workspace = estimator.workspace();
     let settings = SurfaceObserver::settings(BatchConfig::default());
     let observer = SurfaceObserver::default();
-    let mut filmed = (Vec::new(), Vec::new());
-    for k in 0..STEPS * axes.len() {
-        scene.noise_seed = k as u64;
-        scene.spin = Vec3::zeros();
-        let image = scene.render().unwrap().image;
+    let seen = pictures(truth, print, axes).into_iter().map(|(image, _)| {
         let mut found = FrameEstimate::default();
         let prior = Prior::default();
         estimator.estimate(&image, &prior, &settings.budget, &mut workspace, &mut found);
-        filmed.1.push(observer.keep(&image, &found).unwrap());
-        filmed.0.push(found);
-        let turn = axes[k / STEPS] * (std::f64::consts::TAU / STEPS as f64);
-        scene.rotation = Rotation::from_scaled_axis(turn) * scene.rotation;
-    }
-    filmed
+        let albedo = observer.keep(&image, &found).unwrap();
+        (found, albedo)
+    });
+    seen.unzip()
 }
 
 /// A round mark in the ball's plane.
@@ -202,4 +222,113 @@ fn a_ball_is_built_from_what_its_frames_show_and_print_is_no_dot() {
     let (frames, albedos) = filmed(&truth, &[], &[Vec3::z()]);
     let found = build_pattern(&frames, Some(&albedos), None, &config).unwrap();
     assert!(found.is_err(), "{found:?}");
+}
+
+#[test]
+fn what_a_clip_does_not_show_is_pointed_out() {
+    let truth = crate::common::random_pattern(14, 35);
+    let (frames, albedos) = filmed(&truth, &[], &[Vec3::y()]);
+    let config = CalibrationConfig::default();
+    let found = survey(&frames, &albedos, None, &config).unwrap();
+    assert!(found.pattern.is_err(), "{found:?}");
+    assert!(found.placed == frames.len(), "{found:?}");
+    // About the vertical axis only the poles stay hidden: places nearer to one than acos(1 - 0.1), as views show from a depth of 0.1 on.
+    assert!((0.85..1.0).contains(&found.shown), "{found:?}");
+    let side = found.missing.unwrap();
+    let ends = [Side::Top, Side::Bottom];
+    assert!(
+        ends.contains(&side.there) && ends.contains(&side.now),
+        "{side:?}"
+    );
+    assert_eq!(side.last, frames.len() - 1);
+}
+
+#[test]
+fn a_clip_that_grows_ends_when_it_shows_the_whole_ball() {
+    let truth = crate::common::random_pattern(14, 35);
+    let config = CalibrationConfig::default();
+    let mut clip = LiveClip::new(detecting(), None, config);
+    let mut surveys = Vec::new();
+    let axes = [Vec3::y(), Vec3::x(), Vec3::y()];
+    let frames = pictures(&truth, &[], &axes);
+    let mut found = None;
+    for (k, (image, _)) in frames.iter().enumerate() {
+        let picture = Picture::Bytes {
+            width: image.width(),
+            height: image.height(),
+            pixel: RawPixel::Rgb,
+            values: image.to_bytes(),
+        };
+        clip.push(&picture, &Prior::default(), k as f64 / 30.0)
+            .unwrap();
+        // As a camera waits that is slower than the surveys.
+        let survey = loop {
+            match clip.poll().unwrap() {
+                Some(survey) => break Some(survey),
+                None if clip.is_at_work() => std::thread::yield_now(),
+                None => break None,
+            }
+        };
+        let Some(survey) = survey else { continue };
+        if let Ok(built) = survey.pattern.clone()
+            && let Ok(pattern) = clip.confirm(built).unwrap()
+        {
+            found = Some((k, pattern));
+            break;
+        }
+        surveys.push(survey);
+    }
+    let (end, pattern) = found.unwrap_or_else(|| panic!("{surveys:?}"));
+    assert!(end < frames.len() - 1, "it ends by itself");
+    assert_eq!(pattern.frames.len(), end + 1);
+    assert!(
+        surveys.len() >= 2 && surveys.is_sorted_by_key(|s| s.frames),
+        "{surveys:?}"
+    );
+    let off = worst(&pattern.built.pattern, &truth).map(f64::to_degrees);
+    assert!(off.is_some_and(|w| w < 1.0), "{off:?} deg");
+}
+
+#[test]
+fn frames_are_laid_on_the_surface_by_their_pixels() {
+    // All of a ball but every seventh frame, which begins 4 degrees off.
+    let truth = crate::common::random_pattern(14, 35);
+    let estimator = detecting();
+    let mut workspace = estimator.workspace();
+    let maker = AlbedoMaker::default();
+    let shown: Vec<(Albedo, BallView, Rotation)> = pictures(&truth, &[], &[Vec3::x(), Vec3::y()])
+        .iter()
+        .map(|(image, rotation)| {
+            let mut found = FrameEstimate::default();
+            let (prior, budget) = (Prior::default(), SurfaceObserver::budget());
+            estimator.estimate(image, &prior, &budget, &mut workspace, &mut found);
+            let circle = found.outline.unwrap().circle;
+            let view = BallView::new(&Camera::default(), circle).unwrap();
+            (maker.take(&image.to_gray(), &circle), view, *rotation)
+        })
+        .collect();
+    let posed = |(albedo, view, rotation): &'static (Albedo, BallView, Rotation)| PosedAlbedo {
+        albedo,
+        view: *view,
+        rotation: *rotation,
+    };
+    let shown: &'static [_] = shown.leak();
+    let kept: Vec<PosedAlbedo<'_>> = (0..shown.len())
+        .filter(|k| k % 7 != 0)
+        .map(|k| posed(&shown[k]))
+        .collect();
+    let map = AlbedoMap::new(&kept).unwrap();
+    let mut errors: Vec<f64> = Vec::new();
+    for k in (0..shown.len()).step_by(7) {
+        let mut frame = posed(&shown[k]);
+        let axis = spiral_directions(shown.len()).nth(k).unwrap();
+        let off = Rotation::from_scaled_axis(axis * 4f64.to_radians());
+        frame.rotation *= off;
+        let before = map.agreement(&frame);
+        frame.rotation = map.align(&frame).unwrap();
+        assert!(map.agreement(&frame) > before, "frame {k}");
+        errors.push(frame.rotation.angle_to(&shown[k].2).to_degrees());
+    }
+    errors.sort_by(f64::total_cmp);
+    assert!(errors[errors.len() / 2] < 1.0, "{errors:?}");
 }

@@ -1,14 +1,16 @@
 //! `spindoe calibrate`: the dots of a ball as they were really drawn, from a clip of it.
 
+mod live;
+
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::images::{ImageArguments, order_warning, read_balls};
+use super::images::{ImageArguments, order_warning, pipe_format, read_balls};
 use crate::ball::Ball;
 use crate::calibrate::{
-    BuiltPattern, Calibration, CalibrationConfig, DotState, SurfaceObserver, build_pattern,
-    calibrate, confirmed, identify_frames, matching_design,
+    BuiltPattern, Calibration, CalibrationConfig, DotState, SurfaceObserver, calibrate, confirmed,
+    identify_frames, matching_design, survey,
 };
 use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
@@ -19,10 +21,11 @@ use crate::report::calibration::{
     CalibrationEvaluation, CalibrationEvaluationConfig, CalibrationReport, CalibrationSource,
     FILES, evaluate_calibration,
 };
+use crate::source::pipe::PipeFormat;
 use crate::validate::check_samples;
 use crate::vision::albedo::Albedo;
 use crate::vision::estimator::{BatchConfig, SequenceOutcome, estimate_inputs};
-use crate::vision::{Estimator, EstimatorConfig, FrameEstimate};
+use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -49,6 +52,14 @@ pub struct Arguments {
     /// Build the pattern from the clip also where --table is given, and say which of these designs it is.
     #[arg(hide = true, long)]
     unknown: bool,
+    /// Look at the frames of a pipe (- is standard input) while the ball is filmed, say what of it is shown and what is
+    /// missing, and end when all of it is. Without --fps a frame's time is that of its arrival.
+    #[arg(long, conflicts_with_all = ["table", "times"])]
+    live: bool,
+    /// The pipe holds raw video of this size, 8 bits a channel: gray, rgb or bgr [default: image files one after
+    /// another, PNG, JPEG, PGM or PPM].
+    #[arg(long, value_name = "WxH,PIXEL", value_parser = pipe_format, requires = "live")]
+    raw: Option<PipeFormat>,
     /// Number of dots on the ball, where it is known.
     #[arg(long, value_name = "N")]
     dots: Option<usize>,
@@ -89,10 +100,17 @@ pub struct Arguments {
 /// The frames of the clip, as the ball that fits best identifies them.
 struct Clip {
     ball: Ball,
-    /// The ball's file; none where the pattern was built from the clip.
-    path: Option<PathBuf>,
+    origin: Origin,
     frames: Vec<FrameEstimate>,
     times_s: Option<Vec<f64>>,
+}
+
+/// Where the ball comes from.
+enum Origin {
+    /// A file.
+    Design(PathBuf),
+    /// The clip itself.
+    Clip(BuiltPattern),
 }
 
 /// Directions of the pattern that stands in where none is known: only its detections are used.
@@ -119,18 +137,20 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let set = Replacement::begin(&arguments.output)?;
     let clip = arguments.read(balls, &config)?;
     let nominal = clip.ball.pattern();
-    match &clip.path {
-        Some(path) if arguments.is_unknown() || arguments.table.len() > 1 => {
+    match &clip.origin {
+        Origin::Design(path) if arguments.is_unknown() || arguments.table.len() > 1 => {
             errln!("the ball is drawn from {}", path.display());
         }
-        None if !arguments.table.is_empty() => errln!("the ball is none of these designs"),
+        Origin::Clip(_) if !arguments.table.is_empty() => {
+            errln!("the ball is none of these designs")
+        }
         _ => {}
     }
     let times = clip.times_s.as_deref();
-    let calibration =
+    let mut calibration =
         calibrate(nominal, &clip.frames, times, &config)?.map_err(|r| arguments.no_answer(&r))?;
-    if clip.path.is_none() {
-        confirmed(&calibration).map_err(|r| arguments.no_answer(&r))?;
+    if let Origin::Clip(built) = &clip.origin {
+        calibration = confirmed(calibration, built).map_err(|r| arguments.no_answer(&r))?;
     }
     errln!("judging the calibration on frames that take no part, and by Monte Carlo");
     let evaluation = CalibrationEvaluationConfig {
@@ -139,17 +159,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let source = CalibrationSource {
         nominal,
-        is_design: clip.path.is_some(),
+        is_design: matches!(clip.origin, Origin::Design(_)),
         frames: &clip.frames,
         times_s: times,
     };
     let mut evaluated = evaluate_calibration(&calibration, &source, &config, &evaluation)?;
-    evaluated.report.command = Some(super::output::command_line());
+    evaluated.report.command = Some(crate::cli::output::command_line());
     evaluated.ball = evaluated.ball.with_design(clip.ball.design().cloned())?;
     evaluated.write(set.path())?;
     set.publish(&FILES, &[], "report.json")?;
     if arguments.json {
-        return super::print_json(&evaluated.report);
+        return crate::cli::print_json(&evaluated.report);
     }
     say(&calibration, &evaluated, &arguments.output);
     Ok(())
@@ -199,14 +219,17 @@ impl Arguments {
 
     /// Reads the clip, and identifies its frames with the ball that fits.
     fn read(&self, balls: Vec<Ball>, config: &CalibrationConfig) -> Result<Clip> {
-        let (ball, path) = match self.is_unknown() {
+        if self.live {
+            return live::read(self, config);
+        }
+        let (ball, origin) = match self.is_unknown() {
             true => self.unknown_ball(balls, config)?,
             false => return self.best_ball(balls, config),
         };
         let (frames, times_s) = self.estimate(&ball, config)?;
         Ok(Clip {
             ball,
-            path,
+            origin,
             frames,
             times_s,
         })
@@ -245,7 +268,7 @@ impl Arguments {
         let (frames, times_s) = self.estimate(&ball, config)?;
         let mut best = Clip {
             ball,
-            path: Some(path.clone()),
+            origin: Origin::Design(path.clone()),
             frames,
             times_s,
         };
@@ -254,7 +277,7 @@ impl Arguments {
             if trust(&frames) > trust(&best.frames) {
                 best = Clip {
                     ball,
-                    path: Some(path.clone()),
+                    origin: Origin::Design(path.clone()),
                     frames,
                     ..best
                 };
@@ -263,14 +286,15 @@ impl Arguments {
         Ok(best)
     }
 
+    /// An estimator for its detections only.
+    fn stand_in(&self, config: &CalibrationConfig) -> Result<Estimator<NamedDetector>> {
+        let pattern = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
+        Estimator::new(&pattern, config.estimator, self.images.detector()?)
+    }
+
     /// The pattern built from the clip, or the design that it is.
-    fn unknown_ball(
-        &self,
-        balls: Vec<Ball>,
-        config: &CalibrationConfig,
-    ) -> Result<(Ball, Option<PathBuf>)> {
-        let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
-        let estimator = Estimator::new(&stand_in, config.estimator, self.images.detector()?)?;
+    fn unknown_ball(&self, balls: Vec<Ball>, config: &CalibrationConfig) -> Result<(Ball, Origin)> {
+        let estimator = self.stand_in(config)?;
         let settings = SurfaceObserver::settings(self.batch()?);
         let batch = estimate_inputs(
             &estimator,
@@ -278,30 +302,36 @@ impl Arguments {
             &settings,
             &SurfaceObserver::default(),
         )?;
+        let names: Vec<String> = batch.frames.iter().map(|f| f.name.clone()).collect();
         let (frames, albedos): (Vec<FrameEstimate>, Vec<Albedo>) = batch
             .frames
             .into_iter()
             .map(|f| (f.estimate, f.kept))
             .unzip();
-        let BuiltPattern {
-            pattern: built,
-            blind,
-        } = build_pattern(&frames, Some(&albedos), self.dots, config)?
-            .map_err(|r| self.no_answer(&r))?;
-        if blind > 0.0 && self.dots.is_none() {
+        let survey = survey(&frames, &albedos, self.dots, config)?;
+        let built = survey.pattern.map_err(|r| match survey.missing {
+            Some(side) => {
+                let (there, frame) = (side.there.words(), &names[side.nearest]);
+                self.no_answer(&format!(
+                    "{r}: what is missing lies {there} in frame {frame}"
+                ))
+            }
+            None => self.no_answer(&r),
+        })?;
+        if built.blind > 0.0 && self.dots.is_none() {
             errln!(
                 "spindoe: {:.1} % of the ball hardly faced the camera, and a dot there would be missed: {} dots were \
                  found, compare that with the ball",
-                100.0 * blind,
-                built.len()
+                100.0 * built.blind,
+                built.pattern.len()
             );
         }
         let designs: Vec<Pattern> = balls.iter().map(|b| b.pattern().clone()).collect();
-        let known = matching_design(&built, &designs)?
+        let known = matching_design(&built.pattern, &designs)?
             .and_then(|k| Some((balls.into_iter().nth(k)?, self.table[k].clone())));
         Ok(match known {
-            Some((ball, path)) => (ball, Some(path)),
-            None => (Ball::new(built), None),
+            Some((ball, path)) => (ball, Origin::Design(path)),
+            None => (Ball::new(built.pattern.clone()), Origin::Clip(built)),
         })
     }
 }

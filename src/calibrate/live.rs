@@ -1,0 +1,155 @@
+//! A ball without a table while it is filmed: what of it is shown so far, and whether that is enough.
+//!
+//! Frames are looked at as they come; the clip so far is surveyed ([`survey`]) in a thread of its own, again whenever it has grown by a
+//! quarter, so that the surveys together cost no more than a few times the last one.
+
+use std::thread::JoinHandle;
+
+use super::calibrate;
+use super::config::CalibrationConfig;
+use super::identify::identify_frames;
+use super::unknown::{BuiltPattern, SurfaceObserver, Survey, confirmed, survey};
+use crate::ball::Ball;
+use crate::error::{Error, Result};
+use crate::image::Picture;
+use crate::vision::albedo::{Albedo, AlbedoMaker};
+use crate::vision::detect::DotDetector;
+use crate::vision::estimator::EstimatorWorkspace;
+use crate::vision::{Estimator, FrameEstimate, Prior};
+
+/// Frames before the first survey, and by how much the clip grows between two.
+const FIRST: usize = 30;
+const GROWTH: f64 = 1.25;
+
+/// A clip that grows.
+pub struct LiveClip<D: DotDetector> {
+    estimator: Estimator<D>,
+    workspace: EstimatorWorkspace<D::Workspace>,
+    maker: AlbedoMaker,
+    config: CalibrationConfig,
+    expected_dots: Option<usize>,
+    frames: Vec<FrameEstimate>,
+    albedos: Vec<Albedo>,
+    times_s: Vec<f64>,
+    /// The survey at work.
+    at_work: Option<JoinHandle<Result<Survey>>>,
+    /// Frames of the last survey.
+    surveyed: usize,
+}
+
+/// A clip that is enough.
+#[derive(Debug, Clone)]
+pub struct LivePattern {
+    /// The pattern.
+    pub built: BuiltPattern,
+    /// The clip's frames, identified with it.
+    pub frames: Vec<FrameEstimate>,
+    /// Their times.
+    pub times_s: Vec<f64>,
+}
+
+impl<D: DotDetector> LiveClip<D> {
+    /// A clip without frames yet. The estimator's pattern stands in for the ball's: only its detections are used.
+    pub fn new(
+        estimator: Estimator<D>,
+        expected_dots: Option<usize>,
+        config: CalibrationConfig,
+    ) -> Self {
+        Self {
+            workspace: estimator.workspace(),
+            estimator,
+            maker: AlbedoMaker::default(),
+            config,
+            expected_dots,
+            frames: Vec::new(),
+            albedos: Vec::new(),
+            times_s: Vec::new(),
+            at_work: None,
+            surveyed: 0,
+        }
+    }
+
+    /// Takes a frame in, and begins a survey where one is due. Frames without a ball leave nothing.
+    ///
+    /// # Errors
+    /// A picture that cannot be read.
+    pub fn push(&mut self, picture: &Picture, prior: &Prior, time_s: f64) -> Result<()> {
+        let mut found = FrameEstimate::default();
+        let budget = SurfaceObserver::budget();
+        let workspace = &mut self.workspace;
+        self.estimator
+            .estimate(picture.view()?, prior, &budget, workspace, &mut found);
+        let Some(outline) = found.outline else {
+            return Ok(());
+        };
+        let gray = picture.to_rgb()?.to_gray();
+        self.albedos.push(self.maker.take(&gray, &outline.circle));
+        self.frames.push(found);
+        self.times_s.push(time_s);
+        let due = FIRST.max((GROWTH * self.surveyed as f64) as usize);
+        if self.at_work.is_none() && self.frames.len() >= due {
+            self.surveyed = self.frames.len();
+            let (frames, albedos) = (self.frames.clone(), self.albedos.clone());
+            let (expected, config) = (self.expected_dots, self.config.clone());
+            self.at_work = Some(std::thread::spawn(move || {
+                survey(&frames, &albedos, expected, &config)
+            }));
+        }
+        Ok(())
+    }
+
+    /// Whether a survey is at work.
+    pub fn is_at_work(&self) -> bool {
+        self.at_work.is_some()
+    }
+
+    /// The survey that has ended since the last call, if one has.
+    ///
+    /// # Errors
+    /// As [`survey`].
+    pub fn poll(&mut self) -> Result<Option<Survey>> {
+        match self.at_work.take_if(|work| work.is_finished()) {
+            Some(work) => join(work).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// A survey of all frames.
+    ///
+    /// # Errors
+    /// As [`survey`].
+    pub fn finish(&mut self) -> Result<Survey> {
+        if let Some(work) = self.at_work.take() {
+            join(work)?;
+        }
+        survey(
+            &self.frames,
+            &self.albedos,
+            self.expected_dots,
+            &self.config,
+        )
+    }
+
+    /// The pattern that a survey has built, where a calibration by all frames so far confirms it; else why it does not.
+    ///
+    /// # Errors
+    /// As [`calibrate`].
+    pub fn confirm(&self, built: BuiltPattern) -> Result<std::result::Result<LivePattern, String>> {
+        let ball = Ball::new(built.pattern.clone());
+        let frames = identify_frames(&ball, &self.config.estimator, &self.frames)?;
+        let times = Some(&self.times_s[..]);
+        let found = calibrate(&built.pattern, &frames, times, &self.config)?;
+        let found = found.map_err(|r| r.to_string());
+        let found = found.and_then(|c| confirmed(c, &built).map_err(|r| r.to_string()));
+        Ok(found.map(|_| LivePattern {
+            built,
+            frames,
+            times_s: self.times_s.clone(),
+        }))
+    }
+}
+
+fn join(work: JoinHandle<Result<Survey>>) -> Result<Survey> {
+    let ended = work.join();
+    ended.map_err(|_| Error::Internal("the survey of the clip has failed".to_owned()))?
+}

@@ -1,0 +1,136 @@
+//! How much of a ball a clip shows, and where what it lacks lies.
+
+use super::map::Map;
+use super::surface::Surface;
+use super::{BuiltPattern, UnknownRejection};
+use crate::geometry::{Vec3, angle_between};
+use crate::vision::albedo::map::SHOWN;
+
+/// Of the places that no view shows, one in so many is tried for the middle of the largest hole.
+const TRIED: usize = 16;
+/// Radius of a hole, radians.
+const HOLE: f64 = 0.4;
+/// What is turned away so far, as the cosine of its angle to the camera, is behind the ball.
+const BEHIND: f64 = -0.75;
+
+/// What a clip shows of a ball without a table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Survey {
+    /// Frames looked at.
+    pub frames: usize,
+    /// Frames that are placed.
+    pub placed: usize,
+    /// Dots found so far.
+    pub dots: usize,
+    /// Share of the ball's surface that the frames show.
+    pub shown: f64,
+    /// Where what the frames lack lies.
+    pub missing: Option<MissingSide>,
+    /// The pattern, or why there is none yet.
+    pub pattern: std::result::Result<BuiltPattern, UnknownRejection>,
+}
+
+impl Survey {
+    /// Where nothing can be said of the ball's surface.
+    pub(super) fn rejected(frames: usize, rejection: UnknownRejection) -> Self {
+        Self {
+            frames,
+            placed: 0,
+            dots: 0,
+            shown: 0.0,
+            missing: None,
+            pattern: Err(rejection),
+        }
+    }
+}
+
+/// A side of the ball that frames do not show well enough.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MissingSide {
+    /// The frame that comes nearest to showing it, by its place among the estimates.
+    pub nearest: usize,
+    /// Where it lies there.
+    pub there: Side,
+    /// The last frame that is placed, and where it lies there.
+    pub last: usize,
+    /// Where it lies in the last frame.
+    pub now: Side,
+}
+
+/// Where a place lies that does not face the camera, seen from the camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// Beyond the left edge of the ball.
+    Left,
+    /// Beyond its right edge.
+    Right,
+    /// Beyond its upper edge.
+    Top,
+    /// Beyond its lower edge.
+    Bottom,
+    /// On the far side.
+    Behind,
+}
+
+impl Side {
+    /// Of a direction in the view frame.
+    fn of(direction: &Vec3) -> Self {
+        match direction {
+            d if d.z < BEHIND => Self::Behind,
+            d if d.x.abs() >= d.y.abs() && d.x < 0.0 => Self::Left,
+            d if d.x.abs() >= d.y.abs() => Self::Right,
+            d if d.y > 0.0 => Self::Top,
+            _ => Self::Bottom,
+        }
+    }
+
+    /// In a sentence: where it lies.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Left => "beyond the left edge of the ball",
+            Self::Right => "beyond the right edge of the ball",
+            Self::Top => "beyond the upper edge of the ball",
+            Self::Bottom => "beyond the lower edge of the ball",
+            Self::Behind => "on the far side of the ball",
+        }
+    }
+}
+
+impl Map<'_> {
+    /// Where what is missing lies in the frames: what a rejection names, else the middle of the largest hole.
+    pub(super) fn missing(&self, surface: &Surface) -> Option<MissingSide> {
+        let lacking = self.lacking.or_else(|| largest_hole(surface))?;
+        let placed = self.frames.iter().zip(&self.placed);
+        let directions: Vec<(usize, Vec3)> = placed
+            .filter_map(|(seen, placed)| {
+                let direction = seen.to_view() * placed.as_ref()?.rotation * lacking;
+                Some((seen.index, direction))
+            })
+            .collect();
+        let nearest = directions.iter().max_by(|a, b| a.1.z.total_cmp(&b.1.z))?;
+        let last = directions.last()?;
+        Some(MissingSide {
+            nearest: nearest.0,
+            there: Side::of(&nearest.1),
+            last: last.0,
+            now: Side::of(&last.1),
+        })
+    }
+}
+
+/// The middle of the largest part of the surface that no view shows.
+fn largest_hole(surface: &Surface) -> Option<Vec3> {
+    let unseen: Vec<Vec3> = surface
+        .places
+        .iter()
+        .filter(|p| p.views < SHOWN)
+        .map(|p| p.direction)
+        .collect();
+    let about = |middle: &Vec3| {
+        let near = unseen.iter().filter(|p| angle_between(p, middle) < HOLE);
+        near.fold((0usize, Vec3::zeros()), |(n, sum), p| (n + 1, sum + p))
+    };
+    let tried = unseen.iter().step_by(unseen.len().div_ceil(TRIED).max(1));
+    let (_, sum) = tried.map(about).max_by_key(|hole| hole.0)?;
+    Some(sum.normalize())
+}
