@@ -26,6 +26,7 @@ use nalgebra::Matrix3;
 use super::camera::{BallCircle, Pixel};
 use crate::image::GrayImage;
 pub(super) use finder::WHOLE;
+pub(super) use finder::all::is_one_place;
 pub use finder::{BallFinder, find_ball};
 
 /// What is accepted as a ball.

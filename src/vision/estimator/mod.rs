@@ -39,6 +39,7 @@
 //!
 //! Orientations map the pattern's frame to the camera's (x right, y up, z towards the camera).
 
+mod balls;
 mod batch;
 mod config;
 mod dense;
@@ -57,11 +58,13 @@ mod sequence;
 mod sequence_view;
 mod sharpen;
 mod smears;
+mod strobe;
 mod tracker;
 mod trust;
 mod whole;
 
 pub use super::outline::{Outline, OutlineSource};
+pub use balls::{BallEstimate, BallsEstimator, BallsWorkspace};
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
     estimate_inputs,
@@ -78,6 +81,7 @@ pub use sequence::{
 };
 pub use sequence_view::SequenceView;
 pub use smears::SequenceSmears;
+pub use strobe::{Strobe, StrobeHypothesis};
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
 pub use trust::{
     DENSE_FEATURES, DenseEvidence, FEATURES, PoseEvidence, TrustMap, WHOLE_FEATURES, WholeEvidence,

@@ -1,0 +1,400 @@
+//! All balls of a frame: several balls, or several images of one by the flashes of one exposure.
+//!
+//! The first ball is what [`Estimator::estimate`] finds in the frame, as where only one is looked for. Then all circles of a like size
+//! ([`BallFinder`]) are handed to the same entry as outlines that are given, the best first, so that a further ball costs what a
+//! crop does. Where the balls may carry one of several patterns, each outline's dots are identified by all of them, and the pattern
+//! that explains them best is the ball's:
+//!
+//! ```text
+//! p(table) = exp L(table) / sum exp L,   L as in `verdict`
+//! ```
+//!
+//! which is a factor of the pose's confidence.
+//!
+//! Guarantees: with one table the first ball is exactly that of [`Estimator::estimate`]. Each ball is a pose or a [`FrameRejection`](super::FrameRejection);
+//! no two are at one place. Not guaranteed: that a circle without a pose is a ball. It is listed where it has five likely dots and a
+//! rim, or where a number of balls is asked for.
+
+use super::search::is_evident;
+use super::{Budget, Estimator, EstimatorWorkspace, FrameEstimate, OutlinePrior, Prior};
+use crate::error::{Result, require};
+use crate::image::{ImageView, Roi};
+use crate::vision::camera::BallCircle;
+use crate::vision::circle::{BallFinder, BallFit, is_one_place};
+use crate::vision::detect::{DotDetector, LIKELY_DOT};
+use crate::vision::verdict::Scorer;
+
+/// Balls of a frame, at most, and circles that are tried.
+const MAX_BALLS: usize = 16;
+const MAX_TRIED: usize = 24;
+/// Radii of further balls over that of the first: balls at half and twice its distance.
+const SIZES: (f64, f64) = (0.5, 2.0);
+/// Circles are searched where the smallest radius is at least so many pixels, at a smaller scale.
+const SMALLEST: f64 = 10.0;
+/// Rims of this support and visible part may be balls without a pose, where they have so many likely dots.
+const RIM: f64 = 0.7;
+const MIN_LIKELY_DOTS: usize = 5;
+/// Radius and center of a circle of the edges are known to a part of the radius that is believed.
+const MAX_SIGMA: f64 = 0.04;
+/// An expected outline is looked for within so many radii.
+const EXPECTED_SIGMA: f64 = 0.1;
+
+/// One of the balls of a frame.
+#[derive(Debug, Clone)]
+pub struct BallEstimate {
+    /// Its outline, dots and orientation, or why it has none.
+    pub frame: FrameEstimate,
+    /// The table that fits it best.
+    pub table: usize,
+    /// Probability of each table, by the dots of this frame; where there is one table, 1.
+    pub tables: Vec<f64>,
+}
+
+impl BallEstimate {
+    /// The outline, corrected by the dots where the ball has a pose.
+    pub fn circle(&self) -> Option<BallCircle> {
+        self.frame.circle.or(self.frame.outline.map(|o| o.circle))
+    }
+}
+
+/// Estimates all balls of a frame: one estimator for each table that they may carry.
+#[derive(Debug, Clone)]
+pub struct BallsEstimator<D> {
+    estimators: Vec<Estimator<D>>,
+    count: Option<usize>,
+}
+
+/// Working memory of a [`BallsEstimator`], one a thread.
+pub struct BallsWorkspace<'a, D: DotDetector> {
+    finder: BallFinder,
+    circles: Vec<BallFit>,
+    workspaces: Vec<EstimatorWorkspace<D::Workspace>>,
+    /// One for each table; none where there is one.
+    scorers: Vec<Scorer<'a, D>>,
+}
+
+impl<D: DotDetector> BallsEstimator<D> {
+    /// For balls that carry one of these estimators' patterns: so many in a frame, or as many as there are.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] without an estimator, or for a number out of its domain.
+    pub fn new(estimators: Vec<Estimator<D>>, count: Option<usize>) -> Result<Self> {
+        require(!estimators.is_empty(), "table", "at least one", 0)?;
+        let found = count.unwrap_or(1);
+        let inside = (1..=MAX_BALLS).contains(&found);
+        require(inside, "balls", "1 to 16, or auto", found)?;
+        Ok(Self { estimators, count })
+    }
+
+    /// One for each table.
+    pub fn estimators(&self) -> &[Estimator<D>] {
+        &self.estimators
+    }
+
+    /// A new workspace.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] for a setting outside its domain.
+    pub fn workspace(&self) -> Result<BallsWorkspace<'_, D>> {
+        let scorers = match &self.estimators[..] {
+            [_] => Vec::new(),
+            several => several.iter().map(Scorer::new).collect::<Result<_>>()?,
+        };
+        Ok(BallsWorkspace {
+            finder: BallFinder::new(self.estimators[0].config().circle),
+            circles: Vec::with_capacity(MAX_TRIED),
+            workspaces: self.estimators.iter().map(Estimator::workspace).collect(),
+            scorers,
+        })
+    }
+
+    /// Estimates the balls of a frame, those with a pose first, within a region or everywhere. `expected` are outlines where balls
+    /// are expected; they are looked for where no circle was found.
+    pub fn estimate<'a>(
+        &self,
+        image: impl Into<ImageView<'a>>,
+        region: Option<Roi>,
+        expected: &[BallCircle],
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_, D>,
+    ) -> Vec<BallEstimate> {
+        let image = image.into();
+        let mut found = Found {
+            balls: vec![self.first(image, region, budget, ws)],
+            rejected: Vec::new(),
+            limit: self.count.unwrap_or(MAX_BALLS),
+        };
+        if found.balls[0].frame.pose().is_none() {
+            found.rejected.append(&mut found.balls);
+        }
+        if found.is_full() {
+            return found.balls;
+        }
+        self.find_circles(image, region, &found, ws);
+        for k in 0..ws.circles.len() {
+            let fit = ws.circles[k];
+            if found.is_full() {
+                break;
+            }
+            if found.is_free(&fit.circle) {
+                let sigma_px = fit.covariance.diagonal().max().sqrt();
+                let outline = OutlinePrior {
+                    circle: fit.circle,
+                    sigma_px: sigma_px.min(MAX_SIGMA * fit.circle.radius),
+                };
+                let ball = self.at(image, outline, budget, ws);
+                found.add(ball, Some(&fit), self.count.is_some());
+            }
+        }
+        for circle in expected {
+            if !found.is_full() && found.is_free(circle) {
+                let outline = OutlinePrior {
+                    circle: *circle,
+                    sigma_px: EXPECTED_SIGMA * circle.radius,
+                };
+                let ball = self.at(image, outline, budget, ws);
+                found.add(ball, None, false);
+            }
+        }
+        found.all()
+    }
+
+    /// The ball that is found where one is looked for; of several tables by the first that fits.
+    fn first(
+        &self,
+        image: ImageView<'_>,
+        region: Option<Roi>,
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_, D>,
+    ) -> BallEstimate {
+        let prior = Prior {
+            region,
+            ..Prior::default()
+        };
+        let mut best: Option<BallEstimate> = None;
+        for table in 0..self.estimators.len() {
+            let mut frame = FrameEstimate::default();
+            self.estimators[table].estimate(
+                image,
+                &prior,
+                budget,
+                &mut ws.workspaces[table],
+                &mut frame,
+            );
+            let has_pose = frame.pose().is_some();
+            if has_pose || best.is_none() {
+                let ball = self.with_table(image, table, frame, budget, ws);
+                best = Some(ball);
+            }
+            if has_pose {
+                break;
+            }
+        }
+        best.unwrap_or_else(|| BallEstimate {
+            frame: FrameEstimate::default(),
+            table: 0,
+            tables: Vec::new(),
+        })
+    }
+
+    /// A ball at an outline.
+    fn at(
+        &self,
+        image: ImageView<'_>,
+        outline: OutlinePrior,
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_, D>,
+    ) -> BallEstimate {
+        let mut frame = FrameEstimate::default();
+        self.estimate_at(image, 0, outline, budget, ws, &mut frame);
+        self.with_table(image, 0, frame, budget, ws)
+    }
+
+    fn estimate_at(
+        &self,
+        image: ImageView<'_>,
+        table: usize,
+        outline: OutlinePrior,
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_, D>,
+        frame: &mut FrameEstimate,
+    ) {
+        let prior = Prior {
+            outline: Some(outline),
+            ..Prior::default()
+        };
+        let workspace = &mut ws.workspaces[table];
+        self.estimators[table].estimate(image, &prior, budget, workspace, frame);
+    }
+
+    /// The table that explains a ball best, and its estimate by that table; `frame` is that by `table`.
+    fn with_table(
+        &self,
+        image: ImageView<'_>,
+        table: usize,
+        frame: FrameEstimate,
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_, D>,
+    ) -> BallEstimate {
+        if ws.scorers.is_empty() {
+            return BallEstimate {
+                frame,
+                table,
+                tables: vec![1.0],
+            };
+        }
+        let scored = ws.scorers.iter_mut().enumerate().map(|(k, scorer)| {
+            if k == table {
+                return scorer.score(&frame).weight();
+            }
+            let mut other = frame.clone();
+            scorer.identify(&mut other).weight()
+        });
+        let weights: Vec<f64> = scored.collect();
+        let tables = shares(&weights);
+        let best = |a: &usize, b: &usize| tables[*a].total_cmp(&tables[*b]);
+        let best = (0..tables.len()).max_by(best).unwrap_or(table);
+        let mut ball = BallEstimate {
+            frame,
+            table: best,
+            tables,
+        };
+        if let Some(circle) = ball
+            .frame
+            .outline
+            .map(|o| o.circle)
+            .filter(|_| best != table)
+        {
+            let outline = OutlinePrior::given(circle);
+            let mut again = FrameEstimate::default();
+            self.estimate_at(image, best, outline, budget, ws, &mut again);
+            ball.frame = again;
+        }
+        let share = ball.tables[ball.table];
+        let least = self.estimators[ball.table].config().min_confidence;
+        if let Ok(pose) = &mut ball.frame.outcome {
+            pose.confidence *= share;
+            if pose.confidence < least {
+                ball.frame.reject_pose();
+            }
+        }
+        ball
+    }
+
+    /// Fills the workspace's circles with those that further balls may have.
+    fn find_circles(
+        &self,
+        image: ImageView<'_>,
+        region: Option<Roi>,
+        found: &Found,
+        ws: &mut BallsWorkspace<'_, D>,
+    ) {
+        let (width, height) = (image.width(), image.height());
+        let whole = Roi::whole(width, height);
+        ws.circles.clear();
+        let Some(part) = region.unwrap_or(whole).cut(width, height) else {
+            return;
+        };
+        let first = found.balls.first().and_then(BallEstimate::circle);
+        let config = self.estimators[0].config().circle;
+        let longer = part.width.max(part.height) as f64;
+        let radii = match first {
+            Some(circle) => (SIZES.0 * circle.radius, SIZES.1 * circle.radius),
+            None => (config.min_radius_px, 0.5 * longer),
+        };
+        let mut level = 0;
+        while radii.0 / f64::from(2u32 << level) >= SMALLEST {
+            level += 1;
+        }
+        let side = f64::from(1u32 << level);
+        let BallsWorkspace {
+            finder,
+            circles,
+            workspaces,
+            ..
+        } = ws;
+        let workspace = &mut workspaces[0];
+        self.estimators[0].viewed(image, &part, level, workspace, |crop, _| {
+            let known: Vec<BallCircle> = first
+                .iter()
+                .map(|circle| crop.grid.circle_to_part(circle))
+                .collect();
+            let radii = (radii.0 / side, radii.1 / side);
+            let all = finder.find_all(crop.gray, radii, &known);
+            circles.extend(all.iter().take(MAX_TRIED).map(|fit| BallFit {
+                circle: crop.grid.circle_to_image(&fit.circle),
+                covariance: fit.covariance * (side * side),
+                edge_width: fit.edge_width * side,
+                ..*fit
+            }));
+        });
+        if let Some(first) = first {
+            // Images of one ball have nearly one size.
+            let unlike = |f: &BallFit| (f.circle.radius / first.radius).ln().abs() > 0.2;
+            circles.sort_by_key(unlike);
+        }
+    }
+}
+
+/// What was found so far.
+struct Found {
+    balls: Vec<BallEstimate>,
+    rejected: Vec<BallEstimate>,
+    limit: usize,
+}
+
+impl Found {
+    fn is_full(&self) -> bool {
+        self.balls.len() >= self.limit
+    }
+
+    /// Whether no ball with a pose is at a place.
+    fn is_free(&self, circle: &BallCircle) -> bool {
+        let there = |b: &BallEstimate| b.circle().is_some_and(|c| is_one_place(&c, circle));
+        !self.balls.iter().any(there)
+    }
+
+    /// Takes a ball up, where it is one; a circle without a pose by its rim and dots, or by its rim alone.
+    fn add(&mut self, ball: BallEstimate, fit: Option<&BallFit>, by_rim: bool) {
+        let Some(circle) = ball.circle().filter(|c| self.is_free(c)) else {
+            return;
+        };
+        let rim = fit.map_or(0.0, |f| f.support.min(f.visible));
+        let is_pose = ball.frame.pose().is_some() && (rim >= RIM || is_evident(&ball.frame));
+        if is_pose {
+            let moved = |b: &BallEstimate| b.circle().is_none_or(|c| !is_one_place(&c, &circle));
+            self.rejected.retain(moved);
+            self.balls.push(ball);
+            return;
+        }
+        let dots = ball.frame.dots.iter();
+        let likely = dots.filter(|d| d.probability >= LIKELY_DOT).count();
+        let is_ball = rim >= RIM && (by_rim || likely >= MIN_LIKELY_DOTS);
+        let there = |b: &BallEstimate| b.circle().is_some_and(|c| is_one_place(&c, &circle));
+        if is_ball && !self.rejected.iter().any(there) {
+            self.rejected.push(ball);
+        }
+    }
+
+    /// The balls with a pose, then those without.
+    fn all(mut self) -> Vec<BallEstimate> {
+        let left = self.limit - self.balls.len();
+        let nothing = self.balls.is_empty();
+        for mut ball in self.rejected.into_iter().take(left) {
+            ball.frame.reject_pose();
+            let has_outline = ball.frame.outline.is_some();
+            if has_outline || (nothing && self.balls.is_empty()) {
+                self.balls.push(ball);
+            }
+        }
+        self.balls
+    }
+}
+
+/// Shares in proportion to the exponentials.
+fn shares(ln_weights: &[f64]) -> Vec<f64> {
+    let most = ln_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let weights: Vec<f64> = ln_weights.iter().map(|w| (w - most).exp()).collect();
+    let sum: f64 = weights.iter().sum();
+    weights.iter().map(|w| w / sum).collect()
+}
