@@ -74,6 +74,14 @@ pub enum Polarity {
 }
 
 impl Polarity {
+    /// The other one.
+    fn opposite(self) -> Self {
+        match self {
+            Self::Darker => Self::Brighter,
+            Self::Brighter | Self::Mixed => Self::Darker,
+        }
+    }
+
     /// The sign of the edges searched for; 0 for either.
     fn sign(self) -> f64 {
         match self {

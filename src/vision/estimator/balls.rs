@@ -20,15 +20,15 @@ use super::{Budget, Estimator, EstimatorWorkspace, FrameEstimate, OutlinePrior, 
 use crate::error::{Result, require};
 use crate::image::{ImageView, Roi};
 use crate::vision::camera::BallCircle;
-use crate::vision::circle::{BallFinder, BallFit, is_one_place};
+use crate::vision::circle::{BallFinder, BallFit, Polarity, is_one_place};
 use crate::vision::detect::{DotDetector, LIKELY_DOT};
 use crate::vision::verdict::Scorer;
 
 /// Balls of a frame, at most, and circles that are tried.
 const MAX_BALLS: usize = 16;
 const MAX_TRIED: usize = 24;
-/// Radii of further balls over that of the first: balls at half and twice its distance.
-const SIZES: (f64, f64) = (0.5, 2.0);
+/// Radii of further balls over that of the first: balls at two thirds and one and a half times its distance.
+const SIZES: (f64, f64) = (0.65, 1.55);
 /// Circles are searched where the smallest radius is at least so many pixels, at a smaller scale.
 const SMALLEST: f64 = 10.0;
 /// Rims of this support and visible part may be balls without a pose, where they have so many likely dots.
@@ -302,6 +302,8 @@ impl<D: DotDetector> BallsEstimator<D> {
             Some(circle) => (SIZES.0 * circle.radius, SIZES.1 * circle.radius),
             None => (config.min_radius_px, 0.5 * longer),
         };
+        let fit = found.balls.first().and_then(|b| b.frame.fit);
+        let polarity = fit.map_or(Polarity::Brighter, |f| f.polarity);
         let mut level = 0;
         while radii.0 / f64::from(2u32 << level) >= SMALLEST {
             level += 1;
@@ -320,7 +322,7 @@ impl<D: DotDetector> BallsEstimator<D> {
                 .map(|circle| crop.grid.circle_to_part(circle))
                 .collect();
             let radii = (radii.0 / side, radii.1 / side);
-            let all = finder.find_all(crop.gray, radii, &known);
+            let all = finder.find_all(crop.gray, radii, polarity, &known);
             circles.extend(all.iter().take(MAX_TRIED).map(|fit| BallFit {
                 circle: crop.grid.circle_to_image(&fit.circle),
                 covariance: fit.covariance * (side * side),

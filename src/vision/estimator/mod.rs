@@ -39,6 +39,7 @@
 //!
 //! Orientations map the pattern's frame to the camera's (x right, y up, z towards the camera).
 
+mod ball_tracks;
 mod balls;
 mod batch;
 mod config;
@@ -64,6 +65,7 @@ mod trust;
 mod whole;
 
 pub use super::outline::{Outline, OutlineSource};
+pub use ball_tracks::{BallTracks, NumberedBalls, number_balls};
 pub use balls::{BallEstimate, BallsEstimator, BallsWorkspace};
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,

@@ -39,6 +39,8 @@ const OFF_DIAMETERS: f64 = 0.012;
 /// Prior probability that a flash has no image, and that an image with a pose, and one without, is none of the ball's.
 const MISSED: f64 = 0.05;
 const FALSE_IMAGE: [f64; 2] = [0.005, 0.2];
+/// Probability that a pose is wrong, or far less well known than it says, where several do not agree on one spin.
+const WRONG_POSE: f64 = 0.01;
 /// Where an image that is none of the ball's may lie, diameters squared.
 const ANYWHERE: f64 = 50.0;
 /// Hypotheses below this probability are not listed.
@@ -220,19 +222,28 @@ impl Strobe {
                 let fit = fit_pair(&[*a, *b], &[*c, *d], self.spin.max_rps);
                 (fit, 2.0 * peak)
             }
-            (several, _) if several.len() >= MIN_FRAMES => {
-                let fit = RobustEstimator::new(config).fit(several);
-                let ln = fit.as_ref().ok().and_then(|fit| fit.log_likelihood);
-                let listed = AliasConfig {
-                    max_rps: self.spin.max_rps,
-                    sigma_rad: config.sigma_rad,
-                    ..AliasConfig::default()
-                };
-                let fit = fit.map(|fit| {
-                    let others = alternatives(several, &fit, &listed);
-                    (fit, others)
-                });
-                (fit, ln.unwrap_or(several.len() as f64 * LN_UNIFORM))
+            (several, covariances) if several.len() >= MIN_FRAMES => {
+                match RobustEstimator::new(config).fit(several) {
+                    Ok(fit) => {
+                        let listed = AliasConfig {
+                            max_rps: self.spin.max_rps,
+                            sigma_rad: config.sigma_rad,
+                            ..AliasConfig::default()
+                        };
+                        let ln = fit.log_likelihood.unwrap_or_default();
+                        let others = alternatives(several, &fit, &listed);
+                        (Ok((fit, others)), ln)
+                    }
+                    // Of orientations that do not agree all but the two that are known best may be wrong.
+                    Err(_) => {
+                        let [a, b] = best_known(covariances);
+                        let pair = [several[a], several[b]];
+                        let fit =
+                            fit_pair(&pair, &[covariances[a], covariances[b]], self.spin.max_rps);
+                        let wrong = several.len() as f64 - 2.0;
+                        (fit, 2.0 * peak + wrong * (LN_UNIFORM + WRONG_POSE.ln()))
+                    }
+                }
             }
             (few, _) => {
                 let rejection = SpinRejection::TooFewFrames {
@@ -272,6 +283,14 @@ impl Image {
         let p: f64 = FALSE_IMAGE[usize::from(!self.has_pose)];
         (p / (1.0 - p)).ln()
     }
+}
+
+/// The two orientations with the least variance, in order.
+fn best_known(covariances: &[Matrix3<f64>]) -> [usize; 2] {
+    let mut order: Vec<usize> = (0..covariances.len()).collect();
+    order.sort_by(|a, b| covariances[*a].trace().total_cmp(&covariances[*b].trace()));
+    let (a, b) = (order[0], order[1]);
+    [a.min(b), a.max(b)]
 }
 
 /// The longer axis of some places.

@@ -10,6 +10,7 @@ mod camera_race;
 mod cost;
 mod derive;
 mod detection_limit;
+mod flying;
 mod frames;
 mod latency;
 mod limit;

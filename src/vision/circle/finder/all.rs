@@ -4,9 +4,9 @@
 //! those that are not about the rim of a circle that was found, so that what it outshone has its turn. Circles of which one lies
 //! within another, as dots and logos do, are left out.
 
-use super::{BallFinder, score, sort_by_completeness};
+use super::{BallFinder, WHOLE, score, sort_by_completeness};
 use crate::image::GrayImage;
-use crate::vision::camera::BallCircle;
+use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::{BallFit, Polarity, vote};
 use crate::vision::grid::Grid;
 
@@ -23,11 +23,13 @@ const ONE_PLACE: f64 = 0.4;
 const BEYOND: f64 = 0.35;
 
 impl BallFinder {
-    /// The circles with radii within these bounds, pixels, the best first; `known` ones, which are not among them, do not vote.
+    /// The circles with radii within these bounds, pixels, the best first; `known` ones, which are not among them, do not vote. What is
+    /// outshone is looked for among edges of the given polarity alone.
     pub(in crate::vision) fn find_all(
         &mut self,
         image: &GrayImage,
         radii: (f64, f64),
+        polarity: Polarity,
         known: &[BallCircle],
     ) -> &[BallFit] {
         self.found.clear();
@@ -35,11 +37,14 @@ impl BallFinder {
         self.min_radius = self.config.min_radius_px.max(radii.0);
         self.halve(image, radii.1);
         self.reserve(image);
-        for polarity in [Polarity::Brighter, Polarity::Darker] {
-            for beyond in [false, true] {
-                for level in (0..=self.levels).rev() {
-                    self.vote_all(image, level, radii, polarity, known, beyond);
-                }
+        let passes = [
+            (polarity, false),
+            (polarity, true),
+            (polarity.opposite(), false),
+        ];
+        for (polarity, beyond) in passes {
+            for level in (0..=self.levels).rev() {
+                self.vote_all(image, level, radii, polarity, known, beyond);
             }
         }
         let is_new = |f: &BallFit| !known.iter().any(|k| is_one_place(k, &f.circle));
@@ -94,14 +99,44 @@ impl BallFinder {
         self.votes.strongest(CENTERS, &mut self.centers);
         for k in 0..self.centers.len() {
             let center = self.centers[k];
-            let fit = self.fit(image, level, &center, polarity, radii.1);
-            let fits = |f: &BallFit| f.circle.radius >= radii.0 && f.support >= MIN_SUPPORT;
+            let (u, v) = (center.u, center.v);
+            let place = grid.pixel_to_image(Pixel { u, v });
+            if self.is_taken(place, (0.8 * smallest, 1.2 * largest), known) {
+                continue;
+            }
+            let halves = &self.halves;
+            let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
+            let voted = vote::MIN..=vote::MAX;
+            let rough = self.unrolled.radius(small, &center, voted, polarity.sign());
+            let Some((radius, _)) = rough.filter(|(_, worth)| *worth >= MIN_SUPPORT) else {
+                continue;
+            };
+            let rough = grid.circle_to_image(&BallCircle::new(Pixel { u, v }, radius));
+            let outside = rough.radius < 0.9 * radii.0 || rough.radius > 1.1 * radii.1;
+            if outside {
+                continue;
+            }
+            let fit = self.refine(image, &rough, polarity);
+            let fits = |f: &BallFit| {
+                let radius = f.circle.radius;
+                radius >= radii.0 && radius <= radii.1 && f.support >= MIN_SUPPORT
+            };
             if let Some(fit) = fit.filter(fits)
                 && fit.visible >= self.config.min_visible
             {
                 self.remember(fit);
             }
         }
+    }
+
+    /// Whether the center of a ball that is known, or of a whole one that was found, with a radius of these is at a place.
+    fn is_taken(&self, place: Pixel, radii: (f64, f64), known: &[BallCircle]) -> bool {
+        let is_there = |circle: &BallCircle| {
+            let apart = (circle.center.u - place.u).hypot(circle.center.v - place.v);
+            apart < ONE_PLACE * circle.radius && (radii.0..radii.1).contains(&circle.radius)
+        };
+        let whole = self.found.iter().filter(|f| f.support >= WHOLE);
+        known.iter().any(is_there) || whole.map(|f| &f.circle).any(is_there)
     }
 }
 
