@@ -50,14 +50,10 @@ fn the_light_of_flashes_adds_up() {
         for (i, value) in all.image.values().iter().enumerate() {
             let lit = images.iter().filter(|r| r.image.values()[i][0] > 0.02);
             shared += usize::from(lit.count() > 1);
-            for k in 0..3 {
+            for (k, value) in value.iter().enumerate() {
                 let sum: f32 = images.iter().map(|r| r.image.values()[i][k]).sum();
                 // Each of four images is rounded to 8 bits.
-                assert!(
-                    (value[k] - sum).abs() < 2.1 / 255.0,
-                    "{} and {sum}",
-                    value[k]
-                );
+                assert!((value - sum).abs() < 2.1 / 255.0, "{value} and {sum}");
             }
         }
         // Two discs of radius r whose centers are r apart share 2 pi / 3 - sqrt(3) / 2 of r^2.

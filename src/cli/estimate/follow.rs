@@ -11,7 +11,7 @@ use super::{Arguments, output};
 use crate::ball::Ball;
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
-use crate::image::RawPixel;
+use crate::image::{ImageView, RawPixel};
 use crate::source::grab::{Grabber, WhenFull};
 use crate::source::pipe::{PipeFormat, PipeReader};
 use crate::source::{Frame, FrameSource};
@@ -30,10 +30,7 @@ pub(super) fn raw(text: &str) -> std::result::Result<PipeFormat, String> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let [path] = &arguments.images[..] else {
-        let problem = "expected one input, a file or - for standard input";
-        return Err(Error::argument("--follow", problem));
-    };
+    one_input(arguments)?;
     let [table] = &arguments.table[..] else {
         let problem = "expected one table: a stream is not judged as a whole";
         return Err(Error::argument("--table", problem));
@@ -46,7 +43,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     let shown_in = arguments.frame()?;
     let mut sequence = SequenceConfig::default();
-    sequence.spin.max_rps = arguments.max_spin_rps;
+    sequence.spin.max_rps = arguments.max_spin_rps();
     let config = TrackerConfig {
         sequence,
         max_latency: max_latency(arguments.max_latency_ms)?,
@@ -56,6 +53,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(roi) = arguments.source.roi()? {
         tracker = tracker.within(roi);
     }
+    each_frame(arguments, |image, number, time_s, arrived| {
+        let state = tracker.update(image, time_s, outline.as_ref())?;
+        let is_identified = state.frame.pose().is_some();
+        Ok((
+            is_identified,
+            line(shown_in, number, time_s, &state, arrived),
+        ))
+    })
+}
+
+/// Hands each frame of the pipe with its number, time and arrival to `work`, and writes the line that it makes at once; `work` says
+/// whether the frame was identified, too.
+pub(super) fn each_frame(
+    arguments: &Arguments,
+    mut work: impl FnMut(ImageView<'_>, u64, f64, Instant) -> Result<(bool, Value)>,
+) -> Result<()> {
+    let path = one_input(arguments)?;
     let input = crate::cli::open_input(path)?;
     let format = arguments.raw.unwrap_or(PipeFormat::Images);
     let fps = arguments.source.fps;
@@ -75,10 +89,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         let time_s = rate_s.or(frame.time_s).unwrap_or_default();
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;
-        let state = tracker.update(picture.view()?, time_s, outline.as_ref())?;
+        let (is_identified, line) = work(picture.view()?, number, time_s, frame.arrived)?;
         followed += 1;
-        identified += u64::from(state.frame.pose().is_some());
-        let line = line(shown_in, number, time_s, &state, frame.arrived);
+        identified += u64::from(is_identified);
         writeln!(stdout, "{line}")
             .and_then(|()| stdout.flush())
             .map_err(crate::cli::stdout_error)?;
@@ -94,6 +107,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     finish(&input.name, followed, identified)
 }
 
+/// The one input that is followed.
+pub(super) fn one_input(arguments: &Arguments) -> Result<&Path> {
+    match &arguments.images[..] {
+        [path] => Ok(path),
+        _ => {
+            let problem = "expected one input, a file or - for standard input";
+            Err(Error::argument("--follow", problem))
+        }
+    }
+}
+
 /// Whether an input is a file rather than a pipe.
 fn is_file(path: &Path) -> bool {
     let path = if path == Path::new("-") {
@@ -104,7 +128,7 @@ fn is_file(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|meta| meta.is_file())
 }
 
-fn max_latency(ms: Option<f64>) -> Result<Option<Duration>> {
+pub(super) fn max_latency(ms: Option<f64>) -> Result<Option<Duration>> {
     let Some(ms) = ms else {
         return Ok(None);
     };

@@ -41,6 +41,7 @@
 
 mod ball_tracks;
 mod balls;
+mod balls_batch;
 mod batch;
 mod config;
 mod dense;
@@ -67,6 +68,7 @@ mod whole;
 pub use super::outline::{Outline, OutlineSource};
 pub use ball_tracks::{BallTracks, NumberedBalls, number_balls};
 pub use balls::{BallEstimate, BallsEstimator, BallsWorkspace};
+pub use balls_batch::{BallsBatch, BallsFrame, estimate_ball_inputs};
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
     estimate_inputs,
