@@ -25,11 +25,11 @@ use crate::vision::camera::BallCircle;
 /// Deviation of a center from its expected place, radii: of a track with a path, and of one seen once.
 const OFF: [f64; 2] = [0.15, 1.5];
 /// Each frame in which a ball was not seen adds so much, radii.
-const LOST: f64 = 0.1;
+const LOST: f64 = 0.3;
 /// Deviation of the logarithm of the radius.
 const RADIUS: f64 = 0.08;
-/// Probability that a table is wrong in spite of all evidence.
-const WRONG_TABLE: f64 = 1e-4;
+/// Probability that a table is wrong in spite of all evidence: such a ball rather begins a track than takes another's name.
+const WRONG_TABLE: f64 = 1e-7;
 /// Deviation of an expected orientation, radians, and the most that it can cost.
 const TURNED: (f64, f64) = (0.3, 12.0);
 /// A ball whose cost is beyond this begins a new track.

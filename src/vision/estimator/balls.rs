@@ -1,6 +1,7 @@
 //! All balls of a frame: several balls, or several images of one by the flashes of one exposure.
 //!
-//! The first ball is what [`Estimator::estimate`] finds in the frame, as where only one is looked for. Then all circles of a like size
+//! The first ball is what [`Estimator::estimate`] finds in the frame, as where only one is looked for, of several tables with a
+//! shorter search by each. Then all circles of a like size
 //! ([`BallFinder`]) are handed to the same entry as outlines that are given, the best first, so that a further ball costs what a
 //! crop does. Where the balls may carry one of several patterns, each outline's dots are identified by all of them, and the pattern
 //! that explains them best is the ball's:
@@ -15,18 +16,23 @@
 //! no two are at one place. Not guaranteed: that a circle without a pose is a ball. It is listed where it has five likely dots and a
 //! rim, or where a number of balls is asked for.
 
+use super::frame::Standing;
 use super::search::is_evident;
-use super::{Budget, Estimator, EstimatorWorkspace, FrameEstimate, OutlinePrior, Prior};
+use super::{
+    Budget, Estimator, EstimatorWorkspace, FrameEstimate, OutlinePrior, Prior, SearchDepth,
+};
 use crate::error::{Result, require};
 use crate::image::{ImageView, Roi};
 use crate::vision::camera::BallCircle;
-use crate::vision::circle::{BallFinder, BallFit, Polarity, is_one_place};
+use crate::vision::circle::{BallFinder, BallFit, Polarity, WHOLE, is_one_place};
 use crate::vision::detect::{DotDetector, LIKELY_DOT};
 use crate::vision::verdict::Scorer;
 
 /// Balls of a frame, at most, and circles that are tried.
 const MAX_BALLS: usize = 16;
 const MAX_TRIED: usize = 24;
+/// Runs of the recognizer by each of several tables in which the first ball is looked for: a frame need not show a ball of each.
+const SEVERAL_RUNS: usize = 6;
 /// Radii of further balls over that of the first: balls at two thirds and one and a half times its distance.
 const SIZES: (f64, f64) = (0.65, 1.55);
 /// Circles are searched where the smallest radius is at least so many pixels, at a smaller scale.
@@ -54,6 +60,11 @@ impl BallEstimate {
     /// The outline, corrected by the dots where the ball has a pose.
     pub fn circle(&self) -> Option<BallCircle> {
         self.frame.circle.or(self.frame.outline.map(|o| o.circle))
+    }
+
+    fn likely_dots(&self) -> usize {
+        let dots = self.frame.dots.iter();
+        dots.filter(|d| d.probability >= LIKELY_DOT).count()
     }
 }
 
@@ -142,7 +153,12 @@ impl<D: DotDetector> BallsEstimator<D> {
                     circle: fit.circle,
                     sigma_px: sigma_px.min(MAX_SIGMA * fit.circle.radius),
                 };
-                let ball = self.at(image, outline, budget, ws);
+                // What has no whole rim may be anything: no second look at its dots where the first shows none.
+                let standing = match fit.support.min(fit.visible) >= WHOLE {
+                    true => Standing::Likely,
+                    false => Standing::Doubtful,
+                };
+                let ball = self.at(image, outline, standing, budget, ws);
                 found.add(ball, Some(&fit), self.count.is_some());
             }
         }
@@ -152,7 +168,7 @@ impl<D: DotDetector> BallsEstimator<D> {
                     circle: *circle,
                     sigma_px: EXPECTED_SIGMA * circle.radius,
                 };
-                let ball = self.at(image, outline, budget, ws);
+                let ball = self.at(image, outline, Standing::Doubtful, budget, ws);
                 found.add(ball, None, false);
             }
         }
@@ -170,6 +186,15 @@ impl<D: DotDetector> BallsEstimator<D> {
         let prior = Prior {
             region,
             ..Prior::default()
+        };
+        let short = Budget {
+            runs: SEVERAL_RUNS.min(budget.runs),
+            search: SearchDepth::Coarse,
+            ..*budget
+        };
+        let budget = match self.estimators.len() {
+            1 => budget,
+            _ => &short,
         };
         let mut best: Option<BallEstimate> = None;
         for table in 0..self.estimators.len() {
@@ -202,19 +227,35 @@ impl<D: DotDetector> BallsEstimator<D> {
         &self,
         image: ImageView<'_>,
         outline: OutlinePrior,
+        standing: Standing,
         budget: &Budget,
         ws: &mut BallsWorkspace<'_, D>,
     ) -> BallEstimate {
         let mut frame = FrameEstimate::default();
-        self.estimate_at(image, 0, outline, budget, ws, &mut frame);
-        self.with_table(image, 0, frame, budget, ws)
+        if ws.scorers.is_empty() {
+            self.estimate_at(image, 0, (outline, standing), budget, ws, &mut frame);
+            return BallEstimate {
+                frame,
+                table: 0,
+                tables: vec![1.0],
+            };
+        }
+        // The dots are the same for all tables: what is spent on one of them is of no use where the ball carries another.
+        let doubtful = (outline, Standing::Doubtful);
+        self.estimate_at(image, 0, doubtful, budget, ws, &mut frame);
+        let ball = self.with_table(image, 0, frame, budget, ws);
+        let is_open = ball.frame.pose().is_none() && ball.likely_dots() >= MIN_LIKELY_DOTS;
+        match standing == Standing::Likely && is_open {
+            true => self.by_all_means(image, outline, budget, ws),
+            false => ball,
+        }
     }
 
     fn estimate_at(
         &self,
         image: ImageView<'_>,
         table: usize,
-        outline: OutlinePrior,
+        (outline, standing): (OutlinePrior, Standing),
         budget: &Budget,
         ws: &mut BallsWorkspace<'_, D>,
         frame: &mut FrameEstimate,
@@ -223,11 +264,11 @@ impl<D: DotDetector> BallsEstimator<D> {
             outline: Some(outline),
             ..Prior::default()
         };
-        let workspace = &mut ws.workspaces[table];
-        self.estimators[table].estimate(image, &prior, budget, workspace, frame);
+        let (estimator, workspace) = (&self.estimators[table], &mut ws.workspaces[table]);
+        estimator.estimate_standing(image, &prior, standing, budget, workspace, frame);
     }
 
-    /// The table that explains a ball best, and its estimate by that table; `frame` is that by `table`.
+    /// The table that explains a ball's dots best, and its estimate by that table; `frame` is that by `table`.
     fn with_table(
         &self,
         image: ImageView<'_>,
@@ -243,33 +284,63 @@ impl<D: DotDetector> BallsEstimator<D> {
                 tables: vec![1.0],
             };
         }
-        let scored = ws.scorers.iter_mut().enumerate().map(|(k, scorer)| {
-            if k == table {
-                return scorer.score(&frame).weight();
-            }
-            let mut other = frame.clone();
-            scorer.identify(&mut other).weight()
+        let by_dots = ws.scorers.iter_mut().map(|scorer| {
+            let mut again = frame.clone();
+            let weight = scorer.identify(&mut again).weight();
+            (weight, again.pose().is_some())
         });
-        let weights: Vec<f64> = scored.collect();
+        let (weights, posed): (Vec<f64>, Vec<bool>) = by_dots.unzip();
         let tables = shares(&weights);
-        let best = |a: &usize, b: &usize| tables[*a].total_cmp(&tables[*b]);
-        let best = (0..tables.len()).max_by(best).unwrap_or(table);
+        let best = largest(&tables);
+        let outline = frame.outline.map(|o| o.circle).filter(|_| posed[best]);
         let mut ball = BallEstimate {
             frame,
             table: best,
             tables,
         };
-        if let Some(circle) = ball
-            .frame
-            .outline
-            .map(|o| o.circle)
-            .filter(|_| best != table)
-        {
-            let outline = OutlinePrior::given(circle);
+        let is_by_best = best == table && ball.frame.pose().is_some();
+        if let Some(circle) = outline.filter(|_| !is_by_best) {
+            let likely = (OutlinePrior::given(circle), Standing::Likely);
             let mut again = FrameEstimate::default();
-            self.estimate_at(image, best, outline, budget, ws, &mut again);
+            self.estimate_at(image, best, likely, budget, ws, &mut again);
             ball.frame = again;
+        } else if best != table {
+            ball.frame.reject_pose();
         }
+        self.weigh(&mut ball);
+        ball
+    }
+
+    /// A ball whose dots alone no table explains: each table by all means, as a single one.
+    fn by_all_means(
+        &self,
+        image: ImageView<'_>,
+        outline: OutlinePrior,
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_, D>,
+    ) -> BallEstimate {
+        let likely = (outline, Standing::Likely);
+        let mut frames = Vec::with_capacity(self.estimators.len());
+        for table in 0..self.estimators.len() {
+            let mut frame = FrameEstimate::default();
+            self.estimate_at(image, table, likely, budget, ws, &mut frame);
+            frames.push(frame);
+        }
+        let scored = ws.scorers.iter_mut().zip(&frames);
+        let weights: Vec<f64> = scored.map(|(s, f)| s.score(f).weight()).collect();
+        let tables = shares(&weights);
+        let table = largest(&tables);
+        let mut ball = BallEstimate {
+            frame: frames.swap_remove(table),
+            table,
+            tables,
+        };
+        self.weigh(&mut ball);
+        ball
+    }
+
+    /// A pose is right where its table is.
+    fn weigh(&self, ball: &mut BallEstimate) {
         let share = ball.tables[ball.table];
         let least = self.estimators[ball.table].config().min_confidence;
         if let Ok(pose) = &mut ball.frame.outcome {
@@ -278,7 +349,6 @@ impl<D: DotDetector> BallsEstimator<D> {
                 ball.frame.reject_pose();
             }
         }
-        ball
     }
 
     /// Fills the workspace's circles with those that further balls may have.
@@ -369,9 +439,7 @@ impl Found {
             self.balls.push(ball);
             return;
         }
-        let dots = ball.frame.dots.iter();
-        let likely = dots.filter(|d| d.probability >= LIKELY_DOT).count();
-        let is_ball = rim >= RIM && (by_rim || likely >= MIN_LIKELY_DOTS);
+        let is_ball = rim >= RIM && (by_rim || ball.likely_dots() >= MIN_LIKELY_DOTS);
         let there = |b: &BallEstimate| b.circle().is_some_and(|c| is_one_place(&c, &circle));
         if is_ball && !self.rejected.iter().any(there) {
             self.rejected.push(ball);
@@ -391,6 +459,12 @@ impl Found {
         }
         self.balls
     }
+}
+
+/// The place of the largest.
+fn largest(shares: &[f64]) -> usize {
+    let all = shares.iter().enumerate();
+    all.max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(k, _)| k)
 }
 
 /// Shares in proportion to the exponentials.

@@ -75,7 +75,19 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
-        let image = image.into();
+        self.estimate_standing(image.into(), prior, Standing::Likely, budget, ws, out);
+    }
+
+    /// As [`Estimator::estimate`], where the outline of the prior is worth so much before its dots are seen.
+    pub(super) fn estimate_standing(
+        &self,
+        image: ImageView<'_>,
+        prior: &Prior,
+        standing: Standing,
+        budget: &Budget,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
         ws.spending = Spending::of(*budget);
         out.clear();
         let (width, height) = (image.width(), image.height());
@@ -89,7 +101,7 @@ impl<D: DotDetector> Estimator<D> {
         }
         let mut places = std::mem::take(&mut ws.places);
         let mut there = std::mem::take(&mut ws.there);
-        places.plan(&image, region.filter(is_wide), prior, budget);
+        places.plan(&image, region.filter(is_wide), (prior, standing), budget);
         let mut is_answered = false;
         while !is_answered && let Some(proposal) = self.next_place(&image, out, &mut places, ws) {
             self.try_place(image, &proposal, prior.rotation.as_ref(), ws, &mut there);

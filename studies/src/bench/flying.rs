@@ -47,7 +47,7 @@ struct Flown {
     alone_ms: f64,
 }
 
-pub fn run(clips: u64, count: usize, seed: u64) -> Outcome {
+pub fn run(clips: u64, count: usize, seed: u64, failures: bool) -> Outcome {
     let patterns = TABLES
         .iter()
         .map(|path| Pattern::read_csv(path.as_ref()))
@@ -58,7 +58,16 @@ pub fn run(clips: u64, count: usize, seed: u64) -> Outcome {
     println!("{clips} clips of {count} frames, seed {seed}, balls of {BALL_PX} px, 3 tables");
     let flown = (0..clips)
         .into_par_iter()
-        .map(|k| clip(&all, &patterns, seed + k, 2 + (k % 2) as usize, count))
+        .map(|k| {
+            clip(
+                &all,
+                &patterns,
+                seed + k,
+                2 + (k % 2) as usize,
+                count,
+                failures,
+            )
+        })
         .collect::<spindoe::Result<Vec<Flown>>>()?;
     let table = Table::new([
         "balls",
@@ -103,11 +112,14 @@ fn clip(
     seed: u64,
     balls: usize,
     count: usize,
+    failures: bool,
 ) -> spindoe::Result<Flown> {
     let config = SynthConfig {
         ball_px: Some([BALL_PX; 2]),
         max_off_axis_rad: 0.0,
         rps: [10.0, 80.0],
+        // Fields of view of up to 56 degrees over 640 pixels.
+        camera_distance_radii: [20.0, 60.0],
         ..SynthConfig::good()
     };
     let timing = ClipConfig {
@@ -146,6 +158,21 @@ fn clip(
             flown.visible += u64::from(is_seen);
             let there = found.iter().zip(numbers).filter(|(b, _)| is_at(b, image));
             let Some((ball, number)) = there.max_by_key(|(b, _)| b.frame.pose().is_some()) else {
+                if failures && is_seen {
+                    let near = found.iter().filter_map(|b| {
+                        let c = b.circle()?;
+                        let off = (c.center.u - image.center.u).hypot(c.center.v - image.center.v);
+                        (off < image.radius_px).then_some((off, c.radius, b.frame.pose().is_some()))
+                    });
+                    eprintln!(
+                        "clip {seed}: ball {} of radius {:.1} with {:.2} of its area and {:.2} of its rim is missed; near it {:.1?}",
+                        image.ball,
+                        image.radius_px,
+                        image.area_visible,
+                        image.rim_visible,
+                        near.collect::<Vec<_>>()
+                    );
+                }
                 continue;
             };
             flown.found += u64::from(is_seen);
@@ -155,14 +182,41 @@ fn clip(
             flown.posed += u64::from(is_seen);
             let is_other = ball.table != image.ball;
             let error = pose.rotation.angle_to(&image.orientation());
-            flown.wrong += u64::from(is_other || error > ORIENTATION_FAILURE_RAD);
+            let is_wrong = is_other || error > ORIENTATION_FAILURE_RAD;
+            if failures && is_wrong {
+                eprintln!(
+                    "clip {seed}: ball {} as {}: {:.2} rad, {:.3}",
+                    image.ball, ball.table, error, pose.confidence
+                );
+            }
+            flown.wrong += u64::from(is_wrong);
             flown.other_table += u64::from(is_other);
             if let Some(number) = number {
                 given[*number][image.ball] += 1;
             }
         }
         let posed = found.iter().filter(|b| b.frame.pose().is_some());
-        let invented = posed.filter(|b| !truth.iter().any(|t| is_at(b, t)));
+        let invented = posed.filter(|b| {
+            let is_there = truth.iter().any(|t| is_at(b, t));
+            if !is_there && failures {
+                let off = truth.iter().map(|t| {
+                    let c = b
+                        .circle()
+                        .unwrap_or(spindoe::vision::BallCircle::new(t.center, 0.0));
+                    (
+                        (c.center.u - t.center.u).hypot(c.center.v - t.center.v),
+                        c.radius,
+                        t.radius_px,
+                    )
+                });
+                eprintln!(
+                    "clip {seed}: invented table {}, {:.1?}",
+                    b.table,
+                    off.collect::<Vec<_>>()
+                );
+            }
+            !is_there
+        });
         flown.invented += invented.count() as u64;
     }
     flown.swapped = given

@@ -105,7 +105,7 @@ impl Args {
     pub fn run(&self) -> Outcome {
         let pattern = Pattern::read_csv(&self.pattern)?;
         if let Some(clips) = self.clips {
-            return super::flying::run(clips, self.clip_frames, self.seed);
+            return super::flying::run(clips, self.clip_frames, self.seed, self.failures);
         }
         let single = match self.golf_distance {
             false => estimator(&pattern)?,
@@ -293,7 +293,9 @@ impl Read {
 pub(crate) fn is_at(ball: &BallEstimate, image: &BallTruth) -> bool {
     ball.circle().is_some_and(|c| {
         let apart = (c.center.u - image.center.u).hypot(c.center.v - image.center.v);
-        apart < 0.25 * image.radius_px && (c.radius / image.radius_px).ln().abs() < 0.1
+        // An ellipse has its shorter half axis for a radius.
+        let radius = c.radius / (1.0 - c.eccentricity.norm_squared()).powf(0.25);
+        apart < 0.25 * image.radius_px && (radius / image.radius_px).ln().abs() < 0.1
     })
 }
 

@@ -47,6 +47,8 @@ impl BallFinder {
                 self.vote_all(image, level, radii, polarity, known, beyond);
             }
         }
+        // Balls off the axis.
+        self.stretch(image);
         let is_new = |f: &BallFit| !known.iter().any(|k| is_one_place(k, &f.circle));
         self.found
             .retain(|f| f.support >= MIN_SUPPORT && f.contrast.abs() > 0.0 && is_new(f));
