@@ -49,6 +49,7 @@ impl Balls {
         py: Python<'_>,
         image: &Bound<'_, PyAny>,
         pixel: RawPixel,
+        strobe: Option<&Strobe>,
     ) -> PyResult<Vec<BallEstimate>> {
         let pixels = Pixels::new("image", image)?;
         let samples = pixels.samples("image", pixel)?;
@@ -56,9 +57,13 @@ impl Balls {
             let mut buffers = Buffers::default();
             let mut ws = self.inner.workspace()?;
             let image = samples.view(&mut buffers)?;
-            Ok(self
-                .inner
-                .estimate(image, None, &[], &Budget::default(), &mut ws))
+            let budget = Budget::default();
+            Ok(match strobe {
+                Some(strobe) => self
+                    .inner
+                    .estimate_strobed(image, None, strobe, &budget, &mut ws),
+                None => self.inner.estimate(image, None, &[], &budget, &mut ws),
+            })
         })
         .or_raise()
     }
@@ -83,7 +88,7 @@ impl Balls {
         image: &Bound<'py, PyAny>,
         color: &str,
     ) -> PyResult<Vec<BallTuple<'py>>> {
-        let balls = self.found(py, image, raw_pixel(color)?)?;
+        let balls = self.found(py, image, raw_pixel(color)?, None)?;
         Ok(balls.iter().map(|ball| ball_tuple(py, ball)).collect())
     }
 
@@ -102,7 +107,7 @@ impl Balls {
         let config = spin_config(max_rps)?;
         let frames = images.iter().map(|image| {
             py.check_signals()?;
-            self.found(py, image, pixel)
+            self.found(py, image, pixel, None)
         });
         let mut frames = frames.collect::<PyResult<Vec<_>>>()?;
         let numbered = number_balls(config, &times_s, &mut frames);
@@ -130,7 +135,7 @@ impl Balls {
     ) -> PyResult<(Vec<BallTuple<'py>>, Vec<HypothesisTuple<'py>>)> {
         let flight = flight.map(str::parse).transpose().or_raise()?;
         let strobe = Strobe::new(times_s, flight, spin_config(max_rps)?).or_raise()?;
-        let balls = self.found(py, image, raw_pixel(color)?)?;
+        let balls = self.found(py, image, raw_pixel(color)?, Some(&strobe))?;
         let hypotheses = strobe.read(&balls, self.frame);
         let tuples = balls.iter().map(|ball| ball_tuple(py, ball)).collect();
         let found = hypotheses.iter().map(|h| hypothesis_tuple(py, h)).collect();

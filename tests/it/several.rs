@@ -2,14 +2,23 @@
 
 use std::f64::consts::PI;
 
-use crate::common::{done, random_pattern};
-use spindoe::geometry::{Rotation, Vec3};
+use crate::common::{done, random_pattern, spindoe};
+use spindoe::geometry::{CameraFrame, Rotation, Vec3};
+use spindoe::pattern::Pattern;
+use spindoe::spin::golf::Flight;
+use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::background::Background;
-use spindoe::synth::dataset::{ClipConfig, Sequence, frame_rng};
+use spindoe::synth::dataset::{BallTruth, ClipConfig, Sequence, frame_rng, strobed_frame};
 use spindoe::synth::folder::Truth;
 use spindoe::synth::sensor::Sensor;
 use spindoe::synth::several::StrobeConfig;
 use spindoe::synth::{Scene, SynthConfig};
+use spindoe::vision::estimator::{
+    BallEstimate, BallsEstimator, Strobe, StrobeHypothesis, number_balls,
+};
+use spindoe::vision::{
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
+};
 
 /// An exposure with three flashes, before black, through a perfect camera, whose images share half of their diameter.
 fn exposure(seed: u64) -> Scene {
@@ -177,4 +186,254 @@ fn the_command_writes_the_truth_of_every_image() {
     }
     let single = truth("one", &["--frames", "2"]);
     assert!(single.frames.iter().all(|f| f.balls.is_empty()));
+}
+
+/// Estimators with the built-in nets.
+fn estimators(patterns: &[Pattern]) -> Vec<Estimator<NamedDetector>> {
+    let one = |pattern: &Pattern| {
+        let detector = DetectorName::Cnn.build().unwrap();
+        Estimator::new(pattern, EstimatorConfig::default(), detector).unwrap()
+    };
+    patterns.iter().map(one).collect()
+}
+
+fn shipped(name: &str) -> Pattern {
+    Pattern::read_csv(format!("designs/{name}/pattern.csv").as_ref()).unwrap()
+}
+
+/// The truth of the image that a ball is at.
+fn at<'a>(ball: &BallEstimate, truth: &'a [BallTruth]) -> Option<&'a BallTruth> {
+    let circle = ball.circle()?;
+    truth.iter().find(|t| {
+        let (a, b) = (circle.center, t.center);
+        (a.u - b.u).hypot(a.v - b.v) < 0.2 * t.radius_px
+    })
+}
+
+#[test]
+fn all_images_of_an_exposure_are_found_and_their_spin_is_right() {
+    let pattern = shipped("dots20");
+    let config = SynthConfig::golf();
+    let times = vec![0.0, 0.9e-3, 2.1e-3];
+    let strobe = StrobeConfig::new(times.clone()).with_golf_spin();
+    let all = BallsEstimator::new(estimators(std::slice::from_ref(&pattern)), None).unwrap();
+    let single = estimators(std::slice::from_ref(&pattern)).remove(0);
+    let mut ws = all.workspace().unwrap();
+    let (mut images, mut posed, mut right) = (0, 0, 0);
+    for k in 0..12 {
+        let frame = strobed_frame(&pattern, &config, &strobe, 77, k).unwrap();
+        let truth = &frame.truth.balls;
+        let gray = frame.image.to_gray();
+        let balls = all.estimate(&gray, None, &[], &Budget::default(), &mut ws);
+        images += truth.len();
+        let mut first = FrameEstimate::default();
+        let (prior, budget) = (Prior::default(), Budget::default());
+        single.estimate(&gray, &prior, &budget, &mut single.workspace(), &mut first);
+        if first.pose().is_some() {
+            assert_eq!(
+                balls[0].frame.circle, first.circle,
+                "the first ball is another"
+            );
+            assert_eq!(balls[0].frame.pose(), first.pose());
+        }
+        for ball in &balls {
+            let Some(pose) = ball.frame.pose() else {
+                continue;
+            };
+            let image = at(ball, truth).expect("a pose at an image of the ball");
+            assert!(pose.rotation.angle_to(&image.orientation()).to_degrees() < 20.0);
+            posed += 1;
+        }
+        let moved = truth[1].center.u - truth[0].center.u;
+        let flight = Flight::of_motion([moved, 0.0]);
+        // The right direction is among the hypotheses whether it is given or not.
+        for given in [Some(flight), None] {
+            let read = Strobe::new(
+                times.clone(),
+                given,
+                SpinConfig {
+                    max_rps: 250.0,
+                    ..SpinConfig::default()
+                },
+            )
+            .unwrap()
+            .read(&balls, CameraFrame::View);
+            let sum: f64 = read.iter().map(|h| h.probability).sum();
+            assert!(read.is_empty() || (sum > 0.9 && sum < 1.0 + 1e-9), "{sum}");
+            assert!(
+                given.is_none()
+                    || read
+                        .iter()
+                        .all(|h| h.flight == flight || h.velocity_px_s[0] * moved > 0.0)
+            );
+            let spin = Vec3::from(truth[0].spin_rad_s);
+            let is_right = |h: &StrobeHypothesis| {
+                h.spin()
+                    .is_some_and(|w| (w - spin).norm() < 0.08 * spin.norm() + 10.0)
+            };
+            right += usize::from(read.first().is_some_and(is_right) && given.is_some());
+        }
+    }
+    assert!(
+        posed + 2 >= images,
+        "{posed} of {images} images have a pose"
+    );
+    assert!(right >= 10, "{right} of 12 spins are right");
+}
+
+#[test]
+fn two_images_without_a_direction_leave_both() {
+    let pattern = shipped("dots20");
+    let times = vec![0.0, 1.0e-3];
+    let strobe = StrobeConfig {
+        overlap: [-0.5, -0.2],
+        ..StrobeConfig::new(times.clone()).with_golf_spin()
+    };
+    let all = BallsEstimator::new(estimators(std::slice::from_ref(&pattern)), Some(2)).unwrap();
+    let mut ws = all.workspace().unwrap();
+    let frame = strobed_frame(&pattern, &SynthConfig::golf(), &strobe, 5, 0).unwrap();
+    let balls = all.estimate(&frame.image, None, &[], &Budget::default(), &mut ws);
+    let spin = SpinConfig {
+        max_rps: 250.0,
+        ..SpinConfig::default()
+    };
+    let read = |times: &[f64], flight| {
+        let strobe = Strobe::new(times.to_vec(), flight, spin).unwrap();
+        strobe.read(&balls, CameraFrame::View)
+    };
+    let both = read(&times, None);
+    assert_eq!(both.len(), 2);
+    assert!(
+        both.iter().all(|h| (h.probability - 0.5).abs() < 0.01),
+        "{both:?}"
+    );
+    let [a, b] = [both[0].spin().unwrap(), both[1].spin().unwrap()];
+    assert!(
+        (a + b).norm() < 0.01 * a.norm(),
+        "{a} and {b} are not opposite"
+    );
+    // A third flash that lit no image: any of three may be the missed one.
+    let flight = Flight::of_motion([
+        frame.truth.balls[1].center.u - frame.truth.balls[0].center.u,
+        0.0,
+    ]);
+    let missed = read(&[0.0, 0.9e-3, 2.1e-3], Some(flight));
+    assert_eq!(missed.len(), 3);
+    let mut which: Vec<usize> = missed.iter().flat_map(|h| h.missed.clone()).collect();
+    which.sort_unstable();
+    assert_eq!(which, [0, 1, 2]);
+    assert!(
+        missed
+            .iter()
+            .all(|h| (h.probability - 1.0 / 3.0).abs() < 0.02)
+    );
+}
+
+#[test]
+fn balls_that_cross_keep_their_numbers_and_tables() {
+    let patterns = [shipped("dots20"), shipped("dots24")];
+    let config = SynthConfig {
+        max_off_axis_rad: 0.0,
+        camera_distance_radii: [30.0, 30.0],
+        rps: [20.0, 40.0],
+        ..SynthConfig::good()
+    };
+    let timing = ClipConfig {
+        fps: 350.0,
+        ..ClipConfig::default()
+    };
+    let clip = Sequence::of_balls(&patterns, &config, &timing, 21, 14).unwrap();
+    let all = BallsEstimator::new(estimators(&patterns), None).unwrap();
+    let mut ws = all.workspace().unwrap();
+    let mut truths = Vec::new();
+    let mut frames: Vec<Vec<BallEstimate>> = (0..14)
+        .map(|k| {
+            let frame = clip.frame(k).unwrap();
+            truths.push(frame.truth.balls);
+            let mut balls = all.estimate(&frame.image, None, &[], &Budget::default(), &mut ws);
+            // The order within a frame means nothing.
+            if k % 2 == 1 {
+                balls.reverse();
+            }
+            balls
+        })
+        .collect();
+    let times: Vec<f64> = (0..14).map(|k| f64::from(k) / 350.0).collect();
+    let numbered = number_balls(SpinConfig::default(), &times, &mut frames);
+    let mut seen = [[0; 2]; 16];
+    for ((truth, balls), numbers) in truths.iter().zip(&frames).zip(&numbered.numbers) {
+        for (ball, number) in balls.iter().zip(numbers) {
+            if let (Some(image), Some(number), Some(_)) =
+                (at(ball, truth), number, ball.frame.pose())
+            {
+                seen[*number][image.ball] += 1;
+                assert_eq!(ball.table, image.ball);
+                assert_eq!(numbered.tables[*number].0, image.ball);
+            }
+        }
+    }
+    let counts: Vec<_> = seen.iter().filter(|s| s[0] + s[1] > 0).collect();
+    assert_eq!(counts.len(), 2, "numbers are given to {seen:?}");
+    assert!(counts.iter().all(|s| s[0] == 0 || s[1] == 0), "{seen:?}");
+    assert!(counts.iter().all(|s| s[0] + s[1] >= 9), "{seen:?}");
+}
+
+#[test]
+fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |args: &[&str]| done(dir.path(), args);
+    run(&[
+        "synth",
+        "dots20",
+        "--strobe-ms",
+        "0,0.9,2.1",
+        "--frames",
+        "2",
+        "--seed",
+        "4",
+        "-o",
+        "e",
+    ]);
+    let strobed = &[
+        "estimate",
+        "--table",
+        "e/table.npz",
+        "--strobe-ms",
+        "0,0.9,2.1",
+        "e/images",
+    ];
+    let text = run(strobed);
+    let lines: Vec<&str> = text.lines().collect();
+    assert!(lines[0].ends_with(",ball,flash"), "{}", lines[0]);
+    assert_eq!(lines.len(), 7, "{text}");
+    let ends: Vec<String> = lines[1..4]
+        .iter()
+        .map(|l| l[l.len() - 4..].into())
+        .collect();
+    assert_eq!(ends, [",0,0", ",1,1", ",2,2"]);
+    let json: serde_json::Value =
+        serde_json::from_str(&run(&[&strobed[..], &["--golf", "--json"]].concat())).unwrap();
+    let best = &json["frames"][0]["strobe"]["hypotheses"][0];
+    assert!(
+        best["golf"]["backspin_rpm"].as_f64().unwrap() > 1_000.0,
+        "{best}"
+    );
+    assert_eq!(json["frames"][0]["balls"].as_array().unwrap().len(), 3);
+    // One ball as before: no such columns.
+    let single = run(&["estimate", "--table", "e/table.npz", "e/images"]);
+    assert!(!single.lines().next().unwrap().contains("ball"));
+    for (args, expected) in [
+        (&["--strobe-ms", "0.9,0"][..], "strobe_ms"),
+        (&["--strobe-ms", "0"], "strobe_ms"),
+        (&["--balls", "0"], "expected 1 to 16, or auto"),
+        (&["--balls", "auto", "--calibrate"], "--calibrate"),
+        (&["--golf"], "--strobe-ms"),
+        (&["--strobe-ms", "0,1", "--table", "dots24"], "--table"),
+    ] {
+        let base = &["estimate", "--table", "e/table.npz", "e/images"];
+        let output = spindoe(dir.path(), &[&base[..], args].concat());
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {words}");
+        assert!(words.contains(expected), "{args:?}: {words}");
+    }
 }

@@ -67,9 +67,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
     let counter = Counter::new(0, "frames");
-    let mut batch = estimate_ball_inputs(&estimator, &arguments.images, &config, |done| {
-        counter.set(done as u64);
-    })?;
+    let shown = |done| counter.set(done as u64);
+    let inputs = &arguments.images;
+    let mut batch = estimate_ball_inputs(&estimator, inputs, &config, strobe.as_ref(), shown)?;
     counter.finish();
     let report = Report::new(arguments, &mut batch, strobe.as_ref())?;
     let text = report.to_csv();
@@ -125,12 +125,14 @@ fn follow_balls(
     let mut tracks = BallTracks::new(spin);
     let mut ws = estimator.workspace()?;
     follow::each_frame(arguments, |image, number, time_s, arrived| {
-        let expected = match strobe {
-            None => tracks.expected(time_s),
-            Some(_) => Vec::new(),
-        };
         let budget = max_latency.map_or_else(Budget::default, Budget::within);
-        let balls = estimator.estimate(image, region, &expected, &budget, &mut ws);
+        let balls = match strobe {
+            Some(strobe) => estimator.estimate_strobed(image, region, strobe, &budget, &mut ws),
+            None => {
+                let expected = tracks.expected(time_s);
+                estimator.estimate(image, region, &expected, &budget, &mut ws)
+            }
+        };
         let is_identified = balls.iter().any(|b| b.frame.pose().is_some());
         let mut line = json!({ "frame": number, "time_s": time_s });
         let numbers: Vec<Option<usize>> = match strobe {

@@ -3,7 +3,7 @@
 //! What a track expects of a ball, and what a frame shows of it, differ by
 //!
 //! ```text
-//! cost = (|c - c'| / s)^2 + (ln(r / r') / q)^2 - 2 ln sum_k p_k p'_k + min((angle / a)^2, 12)
+//! cost = (|c - c'| / s)^2 + (ln(r / r') / q)^2 - 2 ln sum_k p_k p'_k + min((angle / a)^2, m)
 //! ```
 //!
 //! with the center and radius by the straight path of the last outlines, `p` the probabilities of the tables, and the angle between the
@@ -30,8 +30,9 @@ const LOST: f64 = 0.3;
 const RADIUS: f64 = 0.08;
 /// Probability that a table is wrong in spite of all evidence: such a ball rather begins a track than takes another's name.
 const WRONG_TABLE: f64 = 1e-7;
-/// Deviation of an expected orientation, radians, and the most that it can cost.
-const TURNED: (f64, f64) = (0.3, 12.0);
+/// Deviation of an expected orientation, radians, and the most that it can cost: by a spin of a few poses, and of many.
+const TURNED: (f64, [f64; 2]) = (0.3, [12.0, 30.0]);
+const MANY: usize = 5;
 /// A ball whose cost is beyond this begins a new track.
 const NEW: f64 = 30.0;
 /// Frames after which a ball that is not seen is forgotten.
@@ -40,6 +41,8 @@ const PATIENCE: usize = 30;
 const POSES: usize = 8;
 /// The least ln probability that one frame gives a table.
 const LEAST_LN: f64 = -6.0;
+/// Frames from which on a ball with one pose alone is not confirmed.
+const LONG: usize = 5;
 /// Balls beyond this number are assigned one after the other.
 const MAX_TOGETHER: usize = 7;
 
@@ -110,6 +113,11 @@ impl BallTracks {
         let sum: f64 = ln.iter().map(|l| (l - most).exp()).sum();
         let best = ln.iter().position(|l| *l == most)?;
         Some((best, 1.0 / sum))
+    }
+
+    /// Whether a ball may have one of several tables.
+    fn has_several(&self) -> bool {
+        self.tables.iter().any(|t| t.len() > 1)
     }
 
     /// How many balls were numbered so far.
@@ -201,7 +209,8 @@ impl Track {
         let expected = self.predict(time_s, ball.table, fitter);
         expected.map_or(0.0, |expected| {
             let off = expected.angle_to(&pose.rotation) / TURNED.0;
-            (off * off).min(TURNED.1)
+            let is_sure = self.poses.len() >= MANY;
+            (off * off).min(TURNED.1[usize::from(is_sure)])
         })
     }
 
@@ -271,7 +280,8 @@ pub struct NumberedBalls {
     pub tables: Vec<(usize, f64)>,
 }
 
-/// Numbers the balls of all frames of a sequence. A pose by another table than all frames of its ball speak for is taken back.
+/// Numbers the balls of all frames of a sequence. A pose by another table than all frames of its ball speak for is taken back, and so is
+/// that of a ball which has a pose in one of many frames only: of several tables a wrong one fits by accident now and then.
 pub fn number_balls(
     spin: SpinConfig,
     times_s: &[f64],
@@ -284,9 +294,18 @@ pub fn number_balls(
         .collect();
     let table = |number| tracks.table(number).unwrap_or((0, 1.0));
     let tables: Vec<(usize, f64)> = (0..tracks.count()).map(table).collect();
+    let mut posed = vec![0; tracks.count()];
+    let all = frames.iter().flatten().zip(numbers.iter().flatten());
+    for (_, number) in all.filter(|(ball, _)| ball.frame.pose().is_some()) {
+        if let Some(number) = number {
+            posed[*number] += 1;
+        }
+    }
+    let is_long = frames.len() >= LONG && tracks.has_several();
     for (balls, numbers) in frames.iter_mut().zip(&numbers) {
         for (ball, number) in balls.iter_mut().zip(numbers) {
-            if number.is_some_and(|n| tables[n].0 != ball.table) {
+            let is_foreign = |n: usize| tables[n].0 != ball.table || (is_long && posed[n] < 2);
+            if number.is_some_and(is_foreign) {
                 ball.frame.reject_pose();
             }
         }

@@ -13,13 +13,13 @@
 //! which is a factor of the pose's confidence.
 //!
 //! Guarantees: with one table the first ball is exactly that of [`Estimator::estimate`]. Each ball is a pose or a [`FrameRejection`](super::FrameRejection);
-//! no two are at one place. Not guaranteed: that a circle without a pose is a ball. It is listed where it has five likely dots and a
-//! rim, or where a number of balls is asked for.
+//! no two are at one place. Not guaranteed: that a circle without a pose is a ball. It is listed where its rim is whole, or is seen for the
+//! greater part and has five likely dots.
 
 use super::frame::Standing;
 use super::search::is_evident;
 use super::{
-    Budget, Estimator, EstimatorWorkspace, FrameEstimate, OutlinePrior, Prior, SearchDepth,
+    Budget, Estimator, EstimatorWorkspace, FrameEstimate, OutlinePrior, Prior, SearchDepth, Strobe,
 };
 use crate::error::{Result, require};
 use crate::image::{ImageView, Roi};
@@ -37,11 +37,15 @@ const SEVERAL_RUNS: usize = 6;
 const SIZES: (f64, f64) = (0.65, 1.55);
 /// Circles are searched where the smallest radius is at least so many pixels, at a smaller scale.
 const SMALLEST: f64 = 10.0;
-/// Rims of this support and visible part may be balls without a pose, where they have so many likely dots.
+/// Rims of this support and visible part may be balls without a pose, where they have so many likely dots or a number is asked for.
 const RIM: f64 = 0.7;
 const MIN_LIKELY_DOTS: usize = 5;
+/// Likely dots of a whole rim from which on each of several tables is tried by all means.
+const WORTHWHILE: usize = 3;
 /// Radius and center of a circle of the edges are known to a part of the radius that is believed.
 const MAX_SIGMA: f64 = 0.04;
+/// Outlines over one that are taken out, at most: a strobed ball's neighbors.
+const MAX_COVERS: usize = 4;
 /// An expected outline is looked for within so many radii.
 const EXPECTED_SIGMA: f64 = 0.1;
 
@@ -162,6 +166,42 @@ impl<D: DotDetector> BallsEstimator<D> {
                 found.add(ball, Some(&fit), self.count.is_some());
             }
         }
+        self.look_at(image, expected, budget, &mut found, ws);
+        self.uncover(image, budget, &mut found, ws);
+        found.all()
+    }
+
+    /// Estimates all images of one ball in an exposure with several flashes: where one is missing, it is looked for where the others lead.
+    pub fn estimate_strobed<'a>(
+        &self,
+        image: impl Into<ImageView<'a>>,
+        region: Option<Roi>,
+        strobe: &Strobe,
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_, D>,
+    ) -> Vec<BallEstimate> {
+        let image = image.into();
+        let balls = self.estimate(image, region, &[], budget, ws);
+        let expected = strobe.expected(&balls);
+        let (posed, rejected) = balls.into_iter().partition(|b| b.frame.pose().is_some());
+        let mut found = Found {
+            balls: posed,
+            rejected,
+            limit: self.count.unwrap_or(MAX_BALLS),
+        };
+        self.look_at(image, &expected, budget, &mut found, ws);
+        found.all()
+    }
+
+    /// Looks for balls where they are expected and none is known.
+    fn look_at(
+        &self,
+        image: ImageView<'_>,
+        expected: &[BallCircle],
+        budget: &Budget,
+        found: &mut Found,
+        ws: &mut BallsWorkspace<'_, D>,
+    ) {
         for circle in expected {
             if !found.is_full() && found.is_free(circle) {
                 let outline = OutlinePrior {
@@ -172,7 +212,53 @@ impl<D: DotDetector> BallsEstimator<D> {
                 found.add(ball, None, false);
             }
         }
-        found.all()
+    }
+
+    /// Circles without a pose that others with one cover in part, once more without what these show.
+    fn uncover(
+        &self,
+        image: ImageView<'_>,
+        budget: &Budget,
+        found: &mut Found,
+        ws: &mut BallsWorkspace<'_, D>,
+    ) {
+        for ball in found.rejected.clone() {
+            let Some(circle) = ball.frame.outline.map(|o| o.circle) else {
+                continue;
+            };
+            let others = found.balls.iter().filter_map(BallEstimate::circle);
+            let covers: Vec<BallCircle> = others
+                .filter(|c| {
+                    let apart = (c.center.u - circle.center.u).hypot(c.center.v - circle.center.v);
+                    apart < c.radius + circle.radius
+                })
+                .take(MAX_COVERS)
+                .collect();
+            if covers.is_empty() || !found.is_free(&circle) {
+                continue;
+            }
+            for is_added in [true, false] {
+                let outline = (OutlinePrior::given(circle), Standing::Likely);
+                let mut again = FrameEstimate::default();
+                let workspace = &mut ws.workspaces[ball.table];
+                workspace.covers.clone_from(&covers);
+                workspace.covers_add = is_added;
+                let budget = Budget {
+                    spent: ball.frame.attempts(),
+                    ..*budget
+                };
+                self.estimate_at(image, ball.table, outline, &budget, ws, &mut again);
+                ws.workspaces[ball.table].covers.clear();
+                if again.pose().is_some() && is_evident(&again) {
+                    let ball = BallEstimate {
+                        frame: again,
+                        ..ball.clone()
+                    };
+                    found.add(ball, None, false);
+                    break;
+                }
+            }
+        }
     }
 
     /// The ball that is found where one is looked for; of several tables by the first that fits.
@@ -244,7 +330,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         let doubtful = (outline, Standing::Doubtful);
         self.estimate_at(image, 0, doubtful, budget, ws, &mut frame);
         let ball = self.with_table(image, 0, frame, budget, ws);
-        let is_open = ball.frame.pose().is_none() && ball.likely_dots() >= MIN_LIKELY_DOTS;
+        let is_open = ball.frame.pose().is_none() && ball.likely_dots() >= WORTHWHILE;
         match standing == Standing::Likely && is_open {
             true => self.by_all_means(image, outline, budget, ws),
             false => ball,
@@ -439,7 +525,8 @@ impl Found {
             self.balls.push(ball);
             return;
         }
-        let is_ball = rim >= RIM && (by_rim || ball.likely_dots() >= MIN_LIKELY_DOTS);
+        let has_dots = ball.likely_dots() >= MIN_LIKELY_DOTS;
+        let is_ball = rim >= WHOLE || (rim >= RIM && (by_rim || has_dots));
         let there = |b: &BallEstimate| b.circle().is_some_and(|c| is_one_place(&c, &circle));
         if is_ball && !self.rejected.iter().any(there) {
             self.rejected.push(ball);

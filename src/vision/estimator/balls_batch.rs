@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use super::batch::set_times;
 use super::{
-    BallEstimate, BallsEstimator, BatchConfig, BatchFrame, FrameEstimate, FrameRejection,
+    BallEstimate, BallsEstimator, BatchConfig, BatchFrame, FrameEstimate, FrameRejection, Strobe,
     TimeSource,
 };
 use crate::concurrency;
@@ -48,7 +48,7 @@ impl BallsBatch {
 }
 
 /// Estimates all balls of the frames of files, folders and videos. Of the settings the region, the clock, the budget and the
-/// pictures' size hold; `progress` hears how many frames are done.
+/// pictures' size hold; with `strobe` each frame is an exposure of one ball. `progress` hears how many frames are done.
 ///
 /// # Errors
 /// [`Error::Read`] and [`Error::Input`] for inputs without a frame that can be read, or times that the frames lack.
@@ -56,6 +56,7 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync>(
     estimator: &BallsEstimator<D>,
     inputs: &[PathBuf],
     config: &BatchConfig,
+    strobe: Option<&Strobe>,
     progress: impl Fn(usize),
 ) -> Result<BallsBatch> {
     let listed = files::list_sources(inputs)?;
@@ -75,7 +76,7 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync>(
             }
             let is_last = read.len() < at_once;
             let chunks: Vec<&[Frame]> = read.chunks(CHUNK).collect();
-            let done = concurrency::map(&chunks, |chunk| work(estimator, config, chunk));
+            let done = concurrency::map(&chunks, |chunk| work(estimator, config, strobe, chunk));
             for one in done
                 .into_iter()
                 .collect::<Result<Vec<_>>>()?
@@ -118,6 +119,7 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync>(
 fn work<D: DotDetector>(
     estimator: &BallsEstimator<D>,
     config: &BatchConfig,
+    strobe: Option<&Strobe>,
     frames: &[Frame],
 ) -> Result<Vec<BallsFrame>> {
     let mut ws = estimator.workspace()?;
@@ -149,7 +151,11 @@ fn work<D: DotDetector>(
             Some(roi) => Some(roi.within(image.width(), image.height())?),
             None => None,
         };
-        let balls = estimator.estimate(image, region, &[], &config.budget, &mut ws);
+        let budget = &config.budget;
+        let balls = match strobe {
+            Some(strobe) => estimator.estimate_strobed(image, region, strobe, budget, &mut ws),
+            None => estimator.estimate(image, region, &[], budget, &mut ws),
+        };
         Ok(BallsFrame { frame: done, balls })
     };
     frames.iter().map(one).collect()

@@ -95,7 +95,7 @@ use std::sync::OnceLock;
 
 use nalgebra::Matrix3;
 
-use super::camera::{BallView, Camera, Intrinsics};
+use super::camera::{BallCircle, BallView, Camera, Intrinsics};
 use super::cap::CapFitter;
 use super::circle::coarse::CoarseSearch;
 use super::dense::{DenseMatcher, DenseWorkspace, Heat};
@@ -154,6 +154,9 @@ pub struct EstimatorWorkspace<W> {
     /// How the ball of the last patch was recentered.
     recentered: Option<Recentered>,
     patch: Patch,
+    /// Outlines of other balls over that in hand, pixels of the frame, and whether they add light rather than hide it.
+    covers: Vec<BallCircle>,
+    covers_add: bool,
     detector: W,
     recognizer: RobustWorkspace,
     dense: DenseWorkspace,
@@ -288,6 +291,8 @@ impl<D: DotDetector> Estimator<D> {
             recentering: Recentering::new(self.config.circle),
             recentered: None,
             patch: Patch::default(),
+            covers: Vec::new(),
+            covers_add: false,
             detector: self.detector.workspace(),
             recognizer: self.recognizers[0].workspace(),
             dense: DenseWorkspace::default(),

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;
-use crate::vision::camera::Pixel;
+use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::NoBall;
 use crate::vision::detect::{DotDetector, LIKELY_DOT};
 use crate::vision::grid::Grid;
@@ -382,6 +382,15 @@ impl<D: DotDetector> Estimator<D> {
         match ws.recentered {
             Some(ball) => ws.patch.cut_into(ws.recentering.image(), &ball.circle),
             None => ws.patch.cut_into(crop.gray, &candidate.outline.circle),
+        }
+        if !ws.covers.is_empty() {
+            let in_crop = ws.covers.iter().map(|c| crop.grid.circle_to_part(c));
+            let covers: Vec<BallCircle> = in_crop.collect();
+            let seen_at = |pixel| match &ws.recentered {
+                Some(ball) => ball.camera.image_of(pixel),
+                None => pixel,
+            };
+            ws.patch.uncover(&covers, ws.covers_add, seen_at);
         }
         self.detector
             .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);

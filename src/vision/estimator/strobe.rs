@@ -28,11 +28,14 @@ use crate::spin::orientations::Orientations;
 use crate::spin::pair::fit_pair;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
 use crate::spin::{Fit, MIN_FRAMES, SpinRejection};
-use crate::vision::camera::BallCircle;
+use crate::vision::camera::{BallCircle, Pixel};
+use crate::vision::circle::is_one_place;
 
 /// Flashes of one exposure, and images that are sorted, at most.
 const MAX_FLASHES: usize = 12;
 const MAX_IMAGES: usize = 8;
+/// Places where a missing image is looked for, at most.
+const MAX_EXPECTED: usize = 6;
 /// Deviation of an image's center from a straight path: pixels, and as a part of the diameter (perspective, outlines that overlap).
 const OFF_PX: f64 = 0.5;
 const OFF_DIAMETERS: f64 = 0.012;
@@ -132,6 +135,45 @@ impl Strobe {
             *ln += self.fit(balls, frame, hypothesis);
         }
         listed(found)
+    }
+
+    /// Where images that were not found may be: on the straight paths through those that were, which flashes may have lit.
+    pub fn expected(&self, balls: &[BallEstimate]) -> Vec<BallCircle> {
+        let images: Vec<Image> = balls.iter().enumerate().filter_map(Image::of).collect();
+        let count = images.len();
+        if count < 2 || count >= self.times_s.len() {
+            return Vec::new();
+        }
+        let mut paths = self.paths(&images);
+        paths.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut circles: Vec<BallCircle> = Vec::new();
+        for (_, path) in &paths {
+            let lit = path.lit.iter();
+            let known = lit.filter_map(|(ball, flash)| {
+                let image = images.iter().find(|i| i.number == *ball)?;
+                Some((self.times_s[*flash], image.at, image.radius))
+            });
+            let known: Vec<_> = known.collect();
+            let mean = |of: fn(&(f64, [f64; 2], f64)) -> f64| {
+                known.iter().map(of).sum::<f64>() / known.len() as f64
+            };
+            let (time_s, radius) = (mean(|k| k.0), mean(|k| k.2));
+            let (u, v) = (mean(|k| k.1[0]), mean(|k| k.1[1]));
+            for flash in &path.missed {
+                let late_s = self.times_s[*flash] - time_s;
+                let [a, b] = path.velocity_px_s;
+                let center = Pixel {
+                    u: u + a * late_s,
+                    v: v + b * late_s,
+                };
+                let circle = BallCircle::new(center, radius);
+                if circles.len() < MAX_EXPECTED && !circles.iter().any(|c| is_one_place(c, &circle))
+                {
+                    circles.push(circle);
+                }
+            }
+        }
+        circles
     }
 
     /// The flashes that may have lit these images, in both directions or the given one; with ln of their likelihood.

@@ -124,6 +124,7 @@ fn clip(
     };
     let timing = ClipConfig {
         fps: 350.0,
+        exposure_s: Some(2e-4),
         ..ClipConfig::default()
     };
     let clip = Sequence::of_balls(&patterns[..balls], &config, &timing, seed, count)?;
