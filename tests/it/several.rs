@@ -124,7 +124,9 @@ fn of_two_balls_the_nearer_hides_the_other() {
             assert_eq!((other.of.ball, both.area_visible > 0.999), (1, true));
             for (i, share) in front.mask.iter().enumerate() {
                 if *share == 255 {
-                    assert_eq!(both.image.values()[i], front.image.values()[i]);
+                    let pairs = both.image.values()[i].iter().zip(front.image.values()[i]);
+                    // A share of 255 may be a little less than all.
+                    assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 2.1 / 255.0));
                 }
             }
             let (a, b) = (both.circle, other.circle);
@@ -423,8 +425,8 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
     let single = run(&["estimate", "--table", "e/table.npz", "e/images"]);
     assert!(!single.lines().next().unwrap().contains("ball"));
     for (args, expected) in [
-        (&["--strobe-ms", "0.9,0"][..], "strobe_ms"),
-        (&["--strobe-ms", "0"], "strobe_ms"),
+        (&["--strobe-ms", "0.9,0"][..], "--strobe-ms"),
+        (&["--strobe-ms", "0"], "--strobe-ms"),
         (&["--balls", "0"], "expected 1 to 16, or auto"),
         (&["--balls", "auto", "--calibrate"], "--calibrate"),
         (&["--golf"], "--strobe-ms"),

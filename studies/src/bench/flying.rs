@@ -157,7 +157,12 @@ fn clip(
         for image in truth {
             let is_seen = image.area_visible >= SEEN;
             flown.visible += u64::from(is_seen);
-            let there = found.iter().zip(numbers).filter(|(b, _)| is_at(b, image));
+            let there = found.iter().zip(numbers).filter(|(b, _)| {
+                // Where one ball is before another, what is found is the one in front.
+                let at = truth.iter().filter(|t| is_at(b, t));
+                let shown = at.max_by(|a, b| a.area_visible.total_cmp(&b.area_visible));
+                shown.is_some_and(|t| t.ball == image.ball)
+            });
             let Some((ball, number)) = there.max_by_key(|(b, _)| b.frame.pose().is_some()) else {
                 if failures && is_seen {
                     let near = found.iter().filter_map(|b| {
