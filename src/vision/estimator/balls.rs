@@ -16,6 +16,8 @@
 //! no two are at one place. Not guaranteed: that a circle without a pose is a ball. It is listed where its rim is whole, or is seen for the
 //! greater part and has five likely dots.
 
+mod found;
+
 use super::frame::Standing;
 use super::search::is_evident;
 use super::{
@@ -24,9 +26,10 @@ use super::{
 use crate::error::{Result, require};
 use crate::image::{ImageView, Roi};
 use crate::vision::camera::BallCircle;
-use crate::vision::circle::{BallFinder, BallFit, Polarity, WHOLE, is_one_place};
+use crate::vision::circle::{BallFinder, BallFit, Polarity, WHOLE};
 use crate::vision::detect::{DotDetector, LIKELY_DOT};
 use crate::vision::verdict::Scorer;
+use found::{Found, largest, shares};
 
 /// Balls of a frame, at most, and circles that are tried.
 const MAX_BALLS: usize = 16;
@@ -492,72 +495,4 @@ impl<D: DotDetector> BallsEstimator<D> {
             circles.sort_by_key(unlike);
         }
     }
-}
-
-/// What was found so far.
-struct Found {
-    balls: Vec<BallEstimate>,
-    rejected: Vec<BallEstimate>,
-    limit: usize,
-}
-
-impl Found {
-    fn is_full(&self) -> bool {
-        self.balls.len() >= self.limit
-    }
-
-    /// Whether no ball with a pose is at a place.
-    fn is_free(&self, circle: &BallCircle) -> bool {
-        let there = |b: &BallEstimate| b.circle().is_some_and(|c| is_one_place(&c, circle));
-        !self.balls.iter().any(there)
-    }
-
-    /// Takes a ball up, where it is one; a circle without a pose by its rim and dots, or by its rim alone.
-    fn add(&mut self, ball: BallEstimate, fit: Option<&BallFit>, by_rim: bool) {
-        let Some(circle) = ball.circle().filter(|c| self.is_free(c)) else {
-            return;
-        };
-        let rim = fit.map_or(0.0, |f| f.support.min(f.visible));
-        let is_pose = ball.frame.pose().is_some() && (rim >= RIM || is_evident(&ball.frame));
-        if is_pose {
-            let moved = |b: &BallEstimate| b.circle().is_none_or(|c| !is_one_place(&c, &circle));
-            self.rejected.retain(moved);
-            self.balls.push(ball);
-            return;
-        }
-        let has_dots = ball.likely_dots() >= MIN_LIKELY_DOTS;
-        let is_ball = rim >= WHOLE || (rim >= RIM && (by_rim || has_dots));
-        let there = |b: &BallEstimate| b.circle().is_some_and(|c| is_one_place(&c, &circle));
-        if is_ball && !self.rejected.iter().any(there) {
-            self.rejected.push(ball);
-        }
-    }
-
-    /// The balls with a pose, then those without.
-    fn all(mut self) -> Vec<BallEstimate> {
-        let left = self.limit - self.balls.len();
-        let nothing = self.balls.is_empty();
-        for mut ball in self.rejected.into_iter().take(left) {
-            ball.frame.reject_pose();
-            let has_outline = ball.frame.outline.is_some();
-            if has_outline || (nothing && self.balls.is_empty()) {
-                self.balls.push(ball);
-            }
-        }
-        self.balls
-    }
-}
-
-/// The place of the largest.
-fn largest(shares: &[f64]) -> usize {
-    let all = shares.iter().enumerate();
-    all.max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(k, _)| k)
-}
-
-/// Shares in proportion to the exponentials.
-fn shares(ln_weights: &[f64]) -> Vec<f64> {
-    let most = ln_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let weights: Vec<f64> = ln_weights.iter().map(|w| (w - most).exp()).collect();
-    let sum: f64 = weights.iter().sum();
-    weights.iter().map(|w| w / sum).collect()
 }

@@ -70,7 +70,7 @@ pub struct StrobeHypothesis {
     pub missed: Vec<usize>,
     /// Velocity of the center in the picture, pixels a second (u, v).
     pub velocity_px_s: [f64; 2],
-    /// The nearest direction of that motion.
+    /// The direction of flight: as given, else the one nearest to that motion.
     pub flight: Flight,
     /// The orientations by the flashes' times.
     pub orientations: Orientations,
@@ -221,7 +221,7 @@ impl Strobe {
                 lit: pairs.map(|(flash, image)| (image.number, *flash)).collect(),
                 missed,
                 velocity_px_s,
-                flight: Flight::of_motion(velocity_px_s),
+                flight: self.flight.unwrap_or(Flight::of_motion(velocity_px_s)),
                 orientations: Orientations::default(),
                 spin: Err(SpinRejection::TooFewFrames {
                     found: 0,
