@@ -137,10 +137,13 @@ class Balls:
 
 def _hypothesis(found: _native._Strobed) -> StrobeHypothesis:
     probability, lit, missed, flight, velocity, spin = found
+    vector: Floats | Rejection
+    covariance: Floats | None
+    others: list[list[float]]
     if isinstance(spin, str):
         vector, covariance, others = Rejection(spin), None, []
     else:
-        vector, covariance, others = spin  # type: ignore[assignment]
+        vector, covariance, others = spin
     return StrobeHypothesis(
         probability,
         tuple(lit),
