@@ -121,7 +121,8 @@ fn of_two_balls_the_nearer_hides_the_other() {
             let both = scene.render().unwrap();
             let front = alone(&scene, 0).render().unwrap();
             let other = &both.others[0];
-            assert_eq!((other.of.ball, both.area_visible > 0.999), (1, true));
+            // What is in front is seen as if it were alone.
+            assert_eq!((other.of.ball, both.area_visible), (1, front.area_visible));
             for (i, share) in front.mask.iter().enumerate() {
                 if *share == 255 {
                     let pairs = both.image.values()[i].iter().zip(front.image.values()[i]);
@@ -132,8 +133,11 @@ fn of_two_balls_the_nearer_hides_the_other() {
             let (a, b) = (both.circle, other.circle);
             let d = (a.center.u - b.center.u).hypot(a.center.v - b.center.v);
             let seen = 1.0 - lens(a.radius, b.radius, d) / (PI * b.radius * b.radius);
-            // Balls move by up to a pixel during the exposure.
-            assert!((other.area_visible - seen).abs() < 0.03, "{seen} {other:?}");
+            let alone = alone(&scene, 1).render().unwrap();
+            // Of the part of it that is within the picture; balls move by a pixel during the exposure.
+            if alone.area_visible > 0.99 && front.area_visible > 0.99 {
+                assert!((other.area_visible - seen).abs() < 0.05, "{seen} {other:?}");
+            }
             hidden += usize::from(seen < 0.7);
         }
     }
