@@ -15,6 +15,7 @@ Answers that may be missing are `Rejection` where they are, which is false::
 Bad input raises `ValueError`, what the system refuses `OSError`, both with one line.
 """
 
+from ._balls import BallEstimate, Balls, StrobeEstimate, StrobeHypothesis
 from ._calibrate import Calibration, SteadyMark
 from ._common import Rejection
 from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
@@ -40,7 +41,9 @@ from ._vision import CircleSettings, Estimator, EstimatorSettings, Tracker, Trac
 
 __all__ = [
     "Alias",
+    "BallEstimate",
     "BallView",
+    "Balls",
     "Calibration",
     "Camera",
     "CircleSettings",
@@ -70,6 +73,8 @@ __all__ = [
     "SteadyMark",
     "Stencil",
     "StencilSettings",
+    "StrobeEstimate",
+    "StrobeHypothesis",
     "SynthSettings",
     "Tracker",
     "TrackerState",

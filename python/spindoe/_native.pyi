@@ -245,6 +245,26 @@ class Estimator:
         self, window: int, memory_s: float, max_rps: float, max_latency_s: float | None
     ) -> Tracker: ...
 
+_Ball = tuple[_Frame, int, list[float]]
+_Strobed = tuple[
+    float,
+    list[tuple[int, int]],
+    list[int],
+    str,
+    list[float],
+    tuple[_Floats, _Floats, list[list[float]]] | str,
+]
+
+class Balls:
+    def __new__(cls, estimators: _Sequence[Estimator], count: int | None) -> Balls: ...
+    def estimate(self, image: Any, color: str) -> list[_Ball]: ...
+    def estimate_sequence(
+        self, images: _Sequence[Any], color: str, times_s: list[float], max_rps: float
+    ) -> tuple[list[list[tuple[int | None, _Ball]]], list[tuple[int, float]]]: ...
+    def estimate_strobe(
+        self, image: Any, color: str, times_s: list[float], flight: str | None, max_rps: float
+    ) -> tuple[list[_Ball], list[_Strobed]]: ...
+
 class Tracker:
     def update(
         self,

@@ -242,8 +242,13 @@ pub struct Estimator {
 }
 
 impl Estimator {
+    /// The library's own.
+    pub fn library(&self) -> &spindoe::Estimator<NamedDetector> {
+        &self.inner
+    }
+
     /// The frame of what is estimated.
-    fn frame(&self) -> CameraFrame {
+    pub fn frame(&self) -> CameraFrame {
         CameraFrame::Camera.of_view(self.inner.config().camera.is_view())
     }
 
@@ -607,7 +612,7 @@ fn sequence_config(max_rps: f64) -> PyResult<SequenceConfig> {
     })
 }
 
-fn check_times(times: &[f64], images: usize) -> PyResult<()> {
+pub fn check_times(times: &[f64], images: usize) -> PyResult<()> {
     if times.len() != images {
         let problem = format!(
             "expected one for each of {images} images, found {}",

@@ -5,6 +5,7 @@
 //! for Ctrl-C. Settings and reports cross the border as JSON, numbers as arrays.
 
 mod arrays;
+mod balls;
 mod calibrate;
 mod command;
 mod design;
@@ -25,6 +26,8 @@ use pyo3::prelude::*;
 
 #[pymodule]
 mod _native {
+    #[pymodule_export]
+    use super::balls::Balls;
     #[pymodule_export]
     use super::command::command;
     #[pymodule_export]

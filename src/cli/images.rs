@@ -1,16 +1,15 @@
 //! What `estimate` and `calibrate` ask alike of images: the detector, the outline, the camera and the
 //! times.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
 use super::output::one_of;
 use crate::ball::Ball;
 use crate::error::{Error, Result};
-use crate::image::{RawPixel, Roi};
+use crate::image::Roi;
 use crate::source::files;
-use crate::source::pipe::PipeFormat;
 use crate::vision::estimator::{CameraModel, FrameClock, OutlineMethod, OutlinePrior};
 use crate::vision::frame_table::{self, FrameCircles};
 use crate::vision::net::Weights;
@@ -205,26 +204,4 @@ pub(super) fn unused_warning(
         let count = unused.len();
         format!("--circle: {count} rows name no frame, the first on line {line}")
     }))
-}
-
-/// Parses `WxH,PIXEL`.
-pub(super) fn pipe_format(text: &str) -> std::result::Result<PipeFormat, String> {
-    let expected = "expected columns, rows and channels as in 640x480,gray (or rgb, bgr)";
-    let (size, pixel) = text.split_once(',').ok_or(expected)?;
-    let (width, height) = size.split_once('x').ok_or(expected)?;
-    Ok(PipeFormat::Raw {
-        width: width.trim().parse().map_err(|_| expected)?,
-        height: height.trim().parse().map_err(|_| expected)?,
-        pixel: pixel.trim().parse::<RawPixel>().map_err(|_| expected)?,
-    })
-}
-
-/// Whether an input is a file rather than a pipe.
-pub(super) fn is_file(path: &Path) -> bool {
-    let path = if path == Path::new("-") {
-        Path::new("/dev/stdin")
-    } else {
-        path
-    };
-    std::fs::metadata(path).is_ok_and(|meta| meta.is_file())
 }

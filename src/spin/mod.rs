@@ -19,7 +19,7 @@
 //! The other modules: [`orientations`] is the file that they read, [`alias`] lists the spins that
 //! the sampling cannot distinguish, [`summary`] says all of a sequence at once; [`windows`] and
 //! [`decay`] (with the theory in [`air`]) follow a spin through a long sequence, [`precession`] that
-//! of an uneven ball, and [`estimate`] takes the motion for which there is evidence; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
+//! of an uneven ball, and [`estimate`] takes the motion for which there is evidence; [`pair`] is the spin of two orientations, [`golf`] says a spin in golf's words; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
 //! published ones.
 //!
 //! Not guaranteed, by any estimator: that aliases, spins which agree at all the given times, are
@@ -30,8 +30,10 @@ pub mod alias;
 pub mod decay;
 pub mod estimate;
 pub mod evidence;
+pub mod golf;
 pub mod motion;
 pub mod orientations;
+pub mod pair;
 pub mod precession;
 pub mod quatera;
 pub mod robust;

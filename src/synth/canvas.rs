@@ -7,6 +7,7 @@
 use std::ops::Range;
 
 use super::color::Color;
+use super::dimples::Dimples;
 use super::pen::Spot;
 use super::scene::Scene;
 use super::surface::{Mark, Seam};
@@ -178,6 +179,26 @@ impl Canvas {
         }
         for spot in surface.dots.iter().flatten().chain(&surface.strangers) {
             self.paint_spot(&rows, spot, surface.ink, view, rotation);
+        }
+        if let Some(dimples) = &surface.dimples {
+            self.press(rays, dimples, scene, view, rotation);
+        }
+    }
+
+    /// Lights the surface anew where hollows change its normal.
+    fn press(
+        &mut self,
+        rays: Range<usize>,
+        dimples: &Dimples,
+        scene: &Scene,
+        view: &View,
+        rotation: &Rotation,
+    ) {
+        let back = rotation.inverse();
+        for ray in rays.filter(|ray| self.hit[*ray]) {
+            let n = Vec3::from(self.normals[ray].map(f64::from)).normalize();
+            let normal = rotation * dimples.normal(&(back * n));
+            self.shade[ray] = scene.light.at(&normal, view.facing(&n), &self.towards);
         }
     }
 

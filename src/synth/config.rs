@@ -158,6 +158,9 @@ pub struct SynthConfig {
     pub seam_probability: f64,
     /// Whether the ball may be stained. Default: yes.
     pub stains: bool,
+    /// Whether it is a golf ball: white, with dimples. Default: no.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub dimples: bool,
 
     // Motion.
     /// Spin, revolutions per second. Default: 0 to 150.
@@ -223,6 +226,9 @@ pub struct SynthConfig {
     pub video_share: f64,
     /// Quantizer of the video compression, as H.264's QP. Default: 18 to 36.
     pub video_qp: [f64; 2],
+    /// Whether the camera sees infrared light: gray, linear. Default: no.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub infrared: bool,
 }
 
 impl Default for SynthConfig {
@@ -252,6 +258,7 @@ impl Default for SynthConfig {
             logo_radius_rad: [0.25, 0.75],
             seam_probability: 0.35,
             stains: true,
+            dimples: false,
             rps: [0.0, 150.0],
             max_arc_rad: 0.45,
             max_shift_px: 8.0,
@@ -279,6 +286,7 @@ impl Default for SynthConfig {
             jpeg_quality: [30.0, 98.0],
             video_share: 0.15,
             video_qp: [18.0, 36.0],
+            infrared: false,
         }
     }
 }
@@ -318,6 +326,27 @@ impl SynthConfig {
             jpeg_quality: [70.0, 98.0],
             video_share: 0.0,
             ..Self::default()
+        }
+    }
+
+    /// A launch monitor's camera: golf balls of 100 pixels by pulsed infrared light before a dark background, noisy and gray,
+    /// 0.4 to 0.6 m away.
+    pub fn golf() -> Self {
+        Self {
+            ball_px: Some([100.0, 100.0]),
+            camera_distance_radii: [18.7, 28.1],
+            parallel_share: 0.0,
+            max_off_axis_rad: 0.0,
+            max_background: 0.08,
+            texture_share: 0.3,
+            clutter_share: 0.0,
+            seam_probability: 0.0,
+            max_noise: 6.0,
+            jpeg_share: 0.0,
+            sharpen_share: 0.0,
+            dimples: true,
+            infrared: true,
+            ..Self::good()
         }
     }
 

@@ -13,9 +13,10 @@ use serde::{Deserialize, Serialize};
 
 use super::config::{SynthConfig, SynthKind};
 use super::occlusion::OccluderKind;
-use super::render::{Rendering, TrueDot};
+use super::render::{BallRendering, Rendering, TrueDot};
 use super::scene::Scene;
 use super::sensor::Sensor;
+use super::several::{BallImage, ImageOf, StrobeConfig};
 use super::view::Ellipse;
 use crate::error::{Error, Result, require};
 use crate::geometry::{Rotation, Vec3, to_wxyz};
@@ -123,6 +124,73 @@ pub struct FrameTruth {
     pub sensor: Sensor,
     /// The pattern's dots on the part of the ball in the camera's sight.
     pub dots: Vec<DotTruth>,
+    /// Every image of a ball, where the frame has several; what stands above is that of the first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub balls: Vec<BallTruth>,
+}
+
+/// The truth of one of several images of balls in a frame; the fields are as in [`FrameTruth`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BallTruth {
+    /// Number of the ball.
+    pub ball: usize,
+    /// Number of the flash that lights it.
+    pub flash: usize,
+    /// Time, s: after the first flash of an exposure, or of the frame in a sequence.
+    pub time_s: f64,
+    /// Orientation, `w, x, y, z`, pattern to view frame.
+    pub quaternion_wxyz: [f64; 4],
+    /// Orientation, `w, x, y, z`, pattern to camera frame.
+    pub camera_quaternion_wxyz: [f64; 4],
+    /// Spin, camera frame, rad/s.
+    pub spin_rad_s: [f64; 3],
+    /// The center of the circle nearest to the outline.
+    pub center: Pixel,
+    /// The radius of that circle, pixels.
+    pub radius_px: f64,
+    /// The ball's outline.
+    pub outline: Ellipse,
+    /// Where the ball's center is seen.
+    pub ball_center: Pixel,
+    /// Distance of the camera in ball radii; none for parallel rays.
+    pub distance: Option<f64>,
+    /// Share of the outline that is within the image and not hidden.
+    pub rim_visible: f64,
+    /// Share of the ball's area that is within the image and not hidden.
+    pub area_visible: f64,
+    /// The pattern's dots on the part of the ball in the camera's sight.
+    pub dots: Vec<DotTruth>,
+}
+
+impl BallTruth {
+    fn of(seen: &BallRendering, time_s: f64) -> Self {
+        Self {
+            ball: seen.of.ball,
+            flash: seen.of.flash,
+            time_s: time_s + seen.late_s,
+            quaternion_wxyz: to_wxyz(&seen.rotation),
+            camera_quaternion_wxyz: to_wxyz(&seen.camera_rotation),
+            spin_rad_s: seen.spin.into(),
+            center: seen.circle.center,
+            radius_px: seen.circle.radius,
+            outline: seen.outline,
+            ball_center: seen.center,
+            distance: seen.distance,
+            rim_visible: seen.rim_visible,
+            area_visible: seen.area_visible,
+            dots: seen.dots.iter().map(DotTruth::from).collect(),
+        }
+    }
+
+    /// Orientation, pattern to view frame.
+    pub fn orientation(&self) -> Rotation {
+        of_wxyz(self.quaternion_wxyz)
+    }
+
+    /// Orientation, pattern to camera frame.
+    pub fn camera_orientation(&self) -> Rotation {
+        of_wxyz(self.camera_quaternion_wxyz)
+    }
 }
 
 impl FrameTruth {
@@ -179,6 +247,21 @@ pub fn independent_frame(
     frame(&scene, format!("frame-{k:06}.png"), None)
 }
 
+/// Frame number `k` of the exposures of a seed: another ball, flight and camera each, with several flashes.
+///
+/// # Errors
+/// [`Error::Argument`] where a configuration is out of its domain.
+pub fn strobed_frame(
+    pattern: &Pattern,
+    config: &SynthConfig,
+    strobe: &StrobeConfig,
+    seed: u64,
+    k: usize,
+) -> Result<Frame> {
+    let scene = Scene::strobed(pattern, config, strobe, &mut frame_rng(seed, k as u64))?;
+    frame(&scene, format!("frame-{k:06}.png"), None)
+}
+
 /// The first `count` independent frames of a seed.
 ///
 /// # Errors
@@ -199,12 +282,14 @@ pub fn frames(
 /// the image. Camera, light and background stand still.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sequence {
-    first: Scene,
+    pub(super) first: Scene,
     fps: f64,
     seed: u64,
     count: usize,
     /// Displacement of the ball's center over the whole sequence, pixels (u, v).
-    drift_px: [f64; 2],
+    pub(super) drift_px: [f64; 2],
+    /// Further balls as they are in the middle of the sequence, each with its displacement.
+    pub(super) fellows: Vec<(BallImage, [f64; 2])>,
 }
 
 impl Sequence {
@@ -275,6 +360,7 @@ impl Sequence {
             seed,
             count,
             drift_px,
+            fellows: Vec::new(),
         })
     }
 
@@ -286,6 +372,7 @@ impl Sequence {
             seed,
             count,
             drift_px: [0.0; 2],
+            fellows: Vec::new(),
         }
     }
 
@@ -322,6 +409,13 @@ impl Sequence {
         let turn = scene.spin * (since_s + late_s);
         scene.rotation = Rotation::from_scaled_axis(turn) * scene.rotation;
         scene.noise_seed = frame_rng(self.seed, 1 + k as u64).random();
+        for (fellow, drift) in &self.fellows {
+            let mut image = fellow.clone();
+            image.circle.center.u += drift[0] * share;
+            image.circle.center.v += drift[1] * share;
+            image.rotation = Rotation::from_scaled_axis(image.spin * since_s) * image.rotation;
+            scene.others.push(image);
+        }
         (scene, FIRST_NS + step)
     }
 }
@@ -363,7 +457,31 @@ fn truth(scene: &Scene, seen: &Rendering, image: String, time_s: Option<f64>) ->
         mirrored: scene.mirrored,
         sensor: scene.sensor,
         dots: seen.dots.iter().map(DotTruth::from).collect(),
+        balls: balls(seen, time_s.unwrap_or(0.0)),
     }
+}
+
+/// The truth of every image of a ball where there are several.
+fn balls(seen: &Rendering, time_s: f64) -> Vec<BallTruth> {
+    if seen.others.is_empty() {
+        return Vec::new();
+    }
+    let own = BallRendering {
+        of: ImageOf::default(),
+        late_s: 0.0,
+        circle: seen.circle,
+        outline: seen.outline,
+        center: seen.center,
+        distance: seen.distance,
+        rotation: seen.rotation,
+        camera_rotation: seen.camera_rotation,
+        spin: seen.spin,
+        dots: seen.dots.clone(),
+        rim_visible: seen.rim_visible,
+        area_visible: seen.area_visible,
+    };
+    let all = std::iter::once(&own).chain(&seen.others);
+    all.map(|ball| BallTruth::of(ball, time_s)).collect()
 }
 
 impl From<&TrueDot> for DotTruth {

@@ -9,7 +9,8 @@
 //!   ...` of the dots that a detector should find, so that rows differ in length. That reader fails
 //!   on rows without dots, so such frames are in the truth only;
 //! - `truth.json`: the full truth of every frame ([`FrameTruth`]), with the seed, the configuration
-//!   and the pattern;
+//!   and the pattern; where a frame shows several images of balls, `balls` has the truth of each
+//!   ([`BallTruth`](super::dataset::BallTruth)), and all else is that of the first;
 //! - `orientations.csv` for a sequence, as `spindoe spin` reads it, pattern to camera frame; the
 //!   images' names are nanoseconds then;
 //! - `contact_sheet.png`: the first frames side by side.
@@ -25,6 +26,7 @@ use serde::{Deserialize, Serialize};
 
 use super::config::SynthConfig;
 use super::dataset::{ClipConfig, Frame, FrameTruth};
+use super::several::StrobeConfig;
 use crate::error::{Result, require};
 use crate::files;
 use crate::image::RgbImage;
@@ -53,6 +55,9 @@ pub struct Origin {
     pub config: SynthConfig,
     /// For a sequence, how it was taken.
     pub sequence: Option<ClipConfig>,
+    /// The flashes of each image, where there are several.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strobe: Option<StrobeConfig>,
 }
 
 /// The content of `truth.json`.

@@ -9,6 +9,7 @@
 //!    [`background`] and behind what hides it ([`occlusion`]);
 //! 3. the [`sensor`]: defocus, noise, tone; and [`compression`].
 //!
+//! A frame may show several balls, or one several times by the flashes of one exposure: [`several`].
 //! [`dataset`] makes sets and sequences, [`folder`] writes them. Colors are linear light until the
 //! sensor's encoding.
 //!
@@ -36,6 +37,8 @@ mod color;
 pub mod compression;
 pub mod config;
 pub mod dataset;
+pub mod dimples;
+mod flying;
 pub mod folder;
 pub mod ground;
 pub mod light;
@@ -47,6 +50,7 @@ mod random;
 pub mod render;
 pub mod scene;
 pub mod sensor;
+pub mod several;
 pub mod signal;
 pub mod surface;
 pub mod texture;

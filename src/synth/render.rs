@@ -14,8 +14,9 @@ use super::canvas::{Canvas, Exposure};
 use super::color::{Color, luma, mix, scaled};
 use super::config::SynthKind;
 use super::scene::Scene;
+use super::several::{BallImage, ImageOf};
 use super::view::{Ellipse, View};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3};
 use crate::image::RgbImage;
 use crate::vision::camera::{BallCircle, Camera, Pixel};
@@ -106,6 +107,37 @@ pub struct Rendering {
     pub rim_visible: f64,
     /// Share of the ball's area that is within the image and not hidden.
     pub area_visible: f64,
+    /// The further images of balls.
+    pub others: Vec<BallRendering>,
+}
+
+/// One of several images of balls in a frame; the fields are as in [`Rendering`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct BallRendering {
+    /// Which it is.
+    pub of: ImageOf,
+    /// Its time after that of the frame's first one, s.
+    pub late_s: f64,
+    /// The circle nearest to the outline.
+    pub circle: BallCircle,
+    /// The ball's outline.
+    pub outline: Ellipse,
+    /// Where the ball's center is seen.
+    pub center: Pixel,
+    /// Distance of the camera, ball radii.
+    pub distance: Option<f64>,
+    /// Orientation, pattern to view frame.
+    pub rotation: Rotation,
+    /// Orientation, pattern to camera frame.
+    pub camera_rotation: Rotation,
+    /// Spin, camera frame, rad/s.
+    pub spin: Vec3,
+    /// The pattern's dots on the part of the ball in the camera's sight.
+    pub dots: Vec<TrueDot>,
+    /// Share of the outline that is within the image and not hidden.
+    pub rim_visible: f64,
+    /// Share of the area that is within the image and not hidden.
+    pub area_visible: f64,
 }
 
 impl Scene {
@@ -114,30 +146,36 @@ impl Scene {
     /// # Errors
     /// [`crate::Error::Argument`] where the circle or the camera is not finite or not positive.
     pub fn render(&self) -> Result<Rendering> {
-        let view = View::new(&self.camera, self.circle)?;
-        let outline = view.outline();
-        let (light, shown) = self.expose(&view);
+        let seen = |image: Self| Ok((View::new(&image.camera, image.circle)?, image));
+        let images: Vec<(View, Self)> =
+            self.images().into_iter().map(seen).collect::<Result<_>>()?;
+        let (light, shown) = self.expose(&images);
         let image = self.sensor.take(light, self.size, self.noise_seed)?;
-        let has_ball = self.kind.has_ball();
-        let [a, b] = outline.half_axes_px;
-        let area: f64 = shown.iter().map(|s| f64::from(*s)).sum();
+        let all = images.iter().zip(&shown);
+        let mut balls = all.map(|((view, image), shown)| image.ball_rendering(view, shown));
+        let (Some(own), Some((view, _)), Some(shown)) =
+            (balls.next(), images.first(), shown.first())
+        else {
+            return Err(Error::Internal("a scene without a ball".into()));
+        };
         let rendering = Rendering {
             image,
             kind: self.kind,
-            circle: outline.circle(),
-            outline,
-            center: self.circle.center,
+            circle: own.circle,
+            outline: own.outline,
+            center: own.center,
             camera: self.camera,
             distance: view.distance(),
-            rotation: view.to_view() * self.rotation,
-            camera_rotation: self.rotation,
-            spin: self.spin,
-            dots: self.true_dots(&view),
+            rotation: own.rotation,
+            camera_rotation: own.camera_rotation,
+            spin: own.spin,
+            dots: own.dots,
             blur_px: self.blur_px(),
             has_logo: !self.surface.marks.is_empty(),
             mask: shown.iter().map(|s| (255.0 * s).round() as u8).collect(),
-            rim_visible: if has_ball { self.rim(&outline) } else { 0.0 },
-            area_visible: (area / (std::f64::consts::PI * a * b)).min(1.0),
+            rim_visible: own.rim_visible,
+            area_visible: own.area_visible,
+            others: balls.collect(),
         };
         if self.mirrored {
             rendering.flipped(self.size[0])
@@ -146,39 +184,109 @@ impl Scene {
         }
     }
 
-    /// The light on every pixel over the exposure, and the share of it that shows the ball.
-    fn expose(&self, view: &View) -> (Vec<Color>, Vec<f32>) {
+    /// The truth of the scene's own image, of whose pixels the shares `shown` are seen.
+    fn ball_rendering(&self, view: &View, shown: &[f32]) -> BallRendering {
+        let outline = view.outline();
+        let [a, b] = outline.half_axes_px;
+        let area: f64 = shown.iter().map(|s| f64::from(*s)).sum();
+        BallRendering {
+            of: self.image,
+            late_s: self.late_s,
+            circle: outline.circle(),
+            outline,
+            center: self.circle.center,
+            distance: view.distance(),
+            rotation: view.to_view() * self.rotation,
+            camera_rotation: self.rotation,
+            spin: self.spin,
+            dots: self.true_dots(view),
+            rim_visible: match self.kind.has_ball() {
+                true => self.rim(&outline),
+                false => 0.0,
+            },
+            area_visible: (area / (std::f64::consts::PI * a * b)).min(1.0),
+        }
+    }
+
+    /// The light on every pixel over the exposure, and for each image of a ball the share that shows it.
+    fn expose(&self, images: &[(View, Self)]) -> (Vec<Color>, Vec<Vec<f32>>) {
+        let flashes = 1 + images.iter().map(|(_, s)| s.image.flash).max().unwrap_or(0);
+        let mut shown = vec![Vec::new(); images.len()];
+        let mut light = self.expose_flash(images, 0, flashes, &mut shown);
+        for flash in 1..flashes {
+            let more = self.expose_flash(images, flash, flashes, &mut shown);
+            for (sum, more) in light.iter_mut().flatten().zip(more.iter().flatten()) {
+                *sum += more;
+            }
+        }
+        let width = self.size[0];
+        for (i, light) in light.iter_mut().enumerate() {
+            let (hidden, before) = self.hidden((i % width) as f64, (i / width) as f64);
+            if hidden > 0.0 {
+                *light = mix(*light, before, hidden);
+                for shown in &mut shown {
+                    shown[i] *= 1.0 - hidden;
+                }
+            }
+        }
+        (light, shown)
+    }
+
+    /// The light of one flash of several, which is the whole exposure where there is one.
+    fn expose_flash(
+        &self,
+        images: &[(View, Self)],
+        flash: usize,
+        flashes: usize,
+        shown: &mut [Vec<f32>],
+    ) -> Vec<Color> {
+        let of_flash = images.iter().enumerate();
+        let mut lit: Vec<_> = of_flash
+            .filter(|(_, (_, image))| image.image.flash == flash)
+            .collect();
+        // The nearest ball has the largest outline.
+        lit.sort_by(|(_, (_, a)), (_, (_, b))| b.circle.radius.total_cmp(&a.circle.radius));
+        let mut front: Option<Exposure> = None;
+        for (k, (view, image)) in lit {
+            let mut sum = image.expose_alone(view);
+            if let Some(front) = &mut front {
+                put_behind(front, &mut sum);
+                shown[k] = sum.covered;
+            } else {
+                shown[k].clone_from(&sum.covered);
+                front = Some(sum);
+            }
+        }
+        let Exposure { mut light, covered } = front.unwrap_or_else(|| Canvas::blank(self.size));
+        let (width, share) = (self.size[0], 1.0 / flashes as f32);
+        for (i, (light, covered)) in light.iter_mut().zip(&covered).enumerate() {
+            if *covered < 1.0 {
+                let behind = self.background.at(i % width, i / width);
+                for (l, b) in light.iter_mut().zip(behind) {
+                    *l += (1.0 - *covered) * share * b;
+                }
+            }
+        }
+        light
+    }
+
+    /// The light of the scene's own ball alone.
+    fn expose_alone(&self, view: &View) -> Exposure {
         let mut sum = Canvas::blank(self.size);
         if self.kind.has_ball() {
             self.expose_ball(view, &mut sum);
         }
-        let Exposure {
-            mut light,
-            mut covered,
-        } = sum;
         let width = self.size[0];
-        for (i, (light, covered)) in light.iter_mut().zip(&mut covered).enumerate() {
-            let (u, v) = (i % width, i / width);
+        for (i, (light, covered)) in sum.light.iter_mut().zip(&mut sum.covered).enumerate() {
             *covered = covered.min(1.0);
             if *covered > 0.0
                 && let Some(occluder) = &self.occluder
             {
-                let left = occluder.leaves(self.about_ball(u as f64, v as f64));
+                let left = occluder.leaves(self.about_ball((i % width) as f64, (i / width) as f64));
                 *light = scaled(*light, left);
             }
-            if *covered < 1.0 {
-                let behind = self.background.at(u, v);
-                for (l, b) in light.iter_mut().zip(behind) {
-                    *l += (1.0 - *covered) * b;
-                }
-            }
-            let (hidden, before) = self.hidden(u as f64, v as f64);
-            if hidden > 0.0 {
-                *light = mix(*light, before, hidden);
-                *covered *= 1.0 - hidden;
-            }
         }
-        (light, covered)
+        sum
     }
 
     fn expose_ball(&self, view: &View, sum: &mut Exposure) {
@@ -262,7 +370,12 @@ impl Scene {
     pub(super) fn inside_and_hidden(&self, Pixel { u, v }: Pixel) -> [bool; 2] {
         let within = |x: f64, side: usize| (-0.5..=side as f64 - 0.5).contains(&x);
         let inside = within(u, self.size[0]) && within(v, self.size[1]);
-        [inside, self.hidden(u, v).0 > 0.5]
+        let hides = |other: &BallImage| {
+            let BallCircle { center, radius, .. } = other.circle;
+            other.hides(self.image, &self.circle) && (u - center.u).hypot(v - center.v) < radius
+        };
+        let is_hidden = self.hidden(u, v).0 > 0.5 || self.others.iter().any(hides);
+        [inside, is_hidden]
     }
 
     pub(super) fn rim(&self, outline: &Ellipse) -> f64 {
@@ -302,6 +415,20 @@ impl Scene {
     }
 }
 
+/// Adds the light of a ball behind others, and leaves of it what is seen.
+fn put_behind(front: &mut Exposure, behind: &mut Exposure) {
+    let seen = front.light.iter_mut().zip(&mut front.covered);
+    let hidden = behind.light.iter().zip(&mut behind.covered);
+    for ((light, covered), (more, share)) in seen.zip(hidden) {
+        let left = 1.0 - *covered;
+        for (l, m) in light.iter_mut().zip(more) {
+            *l += left * m;
+        }
+        *share *= left;
+        *covered += *share;
+    }
+}
+
 impl Rendering {
     /// The image flipped left to right.
     fn flipped(mut self, width: usize) -> Result<Self> {
@@ -322,6 +449,15 @@ impl Rendering {
         }
         for dot in &mut self.dots {
             dot.pixel = flip(dot.pixel);
+        }
+        for ball in &mut self.others {
+            ball.circle.center = flip(ball.circle.center);
+            ball.outline.center = flip(ball.outline.center);
+            ball.outline.angle_rad = std::f64::consts::PI - ball.outline.angle_rad;
+            ball.center = flip(ball.center);
+            for dot in &mut ball.dots {
+                dot.pixel = flip(dot.pixel);
+            }
         }
         Ok(self)
     }

@@ -12,7 +12,8 @@ use super::ground::Ground;
 use super::light::Light;
 use super::occlusion::Occluder;
 use super::random::{Stream, Streams, between, log_between};
-use super::sensor::Sensor;
+use super::sensor::{Encoding, Sensor};
+use super::several::{BallImage, ImageOf};
 use super::surface::Surface;
 use super::view::View;
 use crate::error::Result;
@@ -66,6 +67,12 @@ pub struct Scene {
     pub noise_seed: u64,
     /// Whether the image is flipped left to right.
     pub mirrored: bool,
+    /// Which image of which ball the scene's own is.
+    pub image: ImageOf,
+    /// Its time after that of the frame's first one, s.
+    pub late_s: f64,
+    /// Further images of balls in the frame, see [`several`](super::several).
+    pub others: Vec<BallImage>,
 }
 
 impl Scene {
@@ -123,6 +130,16 @@ impl Scene {
         } else {
             is_hidden.then(|| Occluder::random(config, occlusion))
         };
+        let mut sensor = Sensor::random(
+            brightest,
+            side / 60.0,
+            config,
+            &mut streams.of(Stream::Sensor),
+        );
+        if config.infrared {
+            (sensor.has_color, sensor.has_mosaic) = (false, false);
+            (sensor.color_noise, sensor.encoding) = (0.0, Encoding::Linear);
+        }
         Ok(Self {
             kind: config.kind,
             size,
@@ -138,14 +155,12 @@ impl Scene {
             light,
             background,
             occluder,
-            sensor: Sensor::random(
-                brightest,
-                side / 60.0,
-                config,
-                &mut streams.of(Stream::Sensor),
-            ),
+            sensor,
             noise_seed: streams.of(Stream::Noise).random(),
             mirrored: config.mirrored,
+            image: ImageOf::default(),
+            late_s: 0.0,
+            others: Vec::new(),
         })
     }
 
@@ -245,7 +260,7 @@ fn random_camera<R: Rng + ?Sized>(
 
 /// A pinhole at the given distance whose optical axis leaves the ball's center under the angle
 /// `off_axis`; `azimuth` leads, in the image, from the principal point to the ball.
-fn pinhole(circle: &BallCircle, distance: f64, off_axis: f64, azimuth: f64) -> Camera {
+pub(super) fn pinhole(circle: &BallCircle, distance: f64, off_axis: f64, azimuth: f64) -> Camera {
     let half_angle = (1.0 / distance.max(NEAREST)).asin();
     // The outline must not reach the plane of the camera.
     let off_axis = off_axis.min(0.9 * (std::f64::consts::FRAC_PI_2 - half_angle));

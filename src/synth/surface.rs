@@ -9,6 +9,7 @@ use rand::{Rng, RngExt};
 
 use super::color::{Color, luma, mix, near};
 use super::config::{SynthConfig, SynthKind};
+use super::dimples::Dimples;
 use super::logo::{Logo, LogoKind};
 use super::pen::{Spot, draw_pattern, draw_strangers};
 use super::random::{Stream, Streams, between};
@@ -86,6 +87,8 @@ pub struct Surface {
     pub seams: Vec<Seam>,
     /// Logos.
     pub marks: Vec<Mark>,
+    /// Hollows, as of a golf ball.
+    pub dimples: Option<Dimples>,
 }
 
 impl Surface {
@@ -105,7 +108,9 @@ impl Surface {
 
     /// A ball without dots.
     fn bare<R: Rng + ?Sized>(config: &SynthConfig, rng: &mut R) -> Self {
-        let ball = ball_color(config.kind, rng);
+        let any = ball_color(config.kind, rng);
+        // Golf balls are white.
+        let ball = if config.dimples { [0.85; 3] } else { any };
         // A fixed number of draws comes before what the kind decides.
         let [has_logo, has_second, has_seam] = [
             rng.random_bool(config.logo_probability),
@@ -148,6 +153,7 @@ impl Surface {
             stain_color,
             seams,
             marks,
+            dimples: config.dimples.then(Dimples::golf),
         }
     }
 

@@ -19,6 +19,10 @@ pub const RIM: f64 = 1.1;
 /// Minimum standard deviation over the ball: a plain ball's noise is not blown up beyond that.
 const MIN_SPREAD: f32 = 0.01;
 
+/// Values about the rim of a covering outline that show neither the one nor the other; fewest values of a region with a level of its own.
+const EDGE: f64 = 1.5;
+const MIN_REGION: usize = 24;
+
 /// How a ball lies in a patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Framing {
@@ -140,6 +144,75 @@ impl Patch {
                 (*value - mean as f32) / spread
             };
         }
+    }
+
+    /// Takes out what other balls' outlines cover: light that they add, which leaves the ball's dots as deep as they are, or all that is
+    /// seen there. `seen_at` leads from the pixels that the patch was cut from to those of the outlines.
+    pub(crate) fn uncover(
+        &mut self,
+        covers: &[BallCircle],
+        is_added: bool,
+        seen_at: impl Fn(Pixel) -> Pixel,
+    ) {
+        let own = self.framing.scaled_by * self.framing.radius;
+        let rim = self.framing.rim * self.framing.radius;
+        let step = self.step();
+        // For each value the outlines that cover it, and whether the rim of one crosses it; none beyond the ball.
+        let of = |at: usize| -> Option<(usize, bool)> {
+            let (column, row) = (at % SIZE, at / SIZE);
+            if out_of_middle(column, row) > rim {
+                return None;
+            }
+            let Pixel { u, v } = seen_at(self.to_image(column as f64, row as f64));
+            let out = |c: &BallCircle| ((u - c.center.u).hypot(v - c.center.v) - c.radius) / step;
+            let covering = covers.iter().map(out).enumerate();
+            let key = covering
+                .clone()
+                .filter(|(_, out)| *out < EDGE)
+                .fold(0, |key, (k, _)| key | 1 << k);
+            let is_edge = covering.into_iter().any(|(_, out)| out.abs() < EDGE);
+            Some((key, is_edge))
+        };
+        let keys: Vec<Option<(usize, bool)>> = (0..SIZE * SIZE).map(of).collect();
+        let is_inside = |at: usize| out_of_middle(at % SIZE, at / SIZE) < own;
+        let mean = |key: usize| -> Option<f32> {
+            let within = |at: &usize| keys[*at].is_some_and(|k| k.0 == key) && is_inside(*at);
+            let of_key: Vec<f32> = (0..SIZE * SIZE)
+                .filter(within)
+                .map(|at| self.values[at])
+                .collect();
+            (of_key.len() >= MIN_REGION).then(|| of_key.iter().sum::<f32>() / of_key.len() as f32)
+        };
+        let Some(bare) = mean(0) else {
+            return;
+        };
+        let regions = 1usize << covers.len();
+        let offsets: Vec<Option<f32>> = (0..regions).map(|k| mean(k).map(|m| m - bare)).collect();
+        for (value, key) in self.values.iter_mut().zip(&keys) {
+            match key {
+                None | Some((0, _)) => {}
+                Some((key, is_edge)) => match offsets[*key].filter(|_| is_added && !is_edge) {
+                    Some(offset) => *value -= offset,
+                    None => *value = bare,
+                },
+            }
+        }
+        let inside = || (0..SIZE * SIZE).filter(|at| is_inside(*at));
+        let count = inside().count() as f32;
+        let middle = inside().map(|at| self.values[at]).sum::<f32>() / count;
+        let squares = inside()
+            .map(|at| (self.values[at] - middle).powi(2))
+            .sum::<f32>();
+        let spread = (squares / count).sqrt().max(MIN_SPREAD / self.levels[1]);
+        for (value, key) in self.values.iter_mut().zip(&keys) {
+            if key.is_some() {
+                *value = (*value - middle) / spread;
+            }
+        }
+        self.levels = [
+            self.levels[0] + middle * self.levels[1],
+            spread * self.levels[1],
+        ];
     }
 
     /// The values, row after row from the top.

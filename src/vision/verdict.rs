@@ -63,7 +63,7 @@ impl FrameScore {
     }
 
     /// ln of the frame's evidence for the hypothesis, not limited.
-    fn weight(&self) -> f64 {
+    pub(crate) fn weight(&self) -> f64 {
         match self.ln_evidence {
             // For large E the sum is E itself, without overflow.
             Some(e) => {

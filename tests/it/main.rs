@@ -22,6 +22,7 @@ mod pattern;
 mod plot;
 mod recognize;
 mod report;
+mod several;
 mod spin;
 mod stencil;
 mod synth;

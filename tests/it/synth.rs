@@ -269,6 +269,7 @@ fn threads_do_not_matter() {
         pattern: pattern.dots().iter().map(|d| (*d).into()).collect(),
         config: config.clone(),
         sequence: None,
+        strobe: None,
     };
     let written = [1, 2].map(|threads| {
         let dir = tempfile::tempdir().unwrap();

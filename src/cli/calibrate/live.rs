@@ -6,49 +6,42 @@ use super::{Arguments, Clip, Origin};
 use crate::ball::Ball;
 use crate::calibrate::live::{LiveClip, LivePattern};
 use crate::calibrate::{CalibrationConfig, Survey, UnknownRejection};
-use crate::cli::images::is_file;
+use crate::cli::pipe::Pipe;
 use crate::error::{Error, Result};
 use crate::image::DEFAULT_MAX_PIXELS;
-use crate::source::grab::{Grabber, WhenFull};
-use crate::source::pipe::{PipeFormat, PipeReader};
-use crate::source::{Frame, FrameSource};
+use crate::source::Frame;
 use crate::vision::Prior;
 
 /// Reads frames until they show the whole ball.
 pub(super) fn read(arguments: &Arguments, config: &CalibrationConfig) -> Result<Clip> {
-    let [path] = &arguments.clip[..] else {
-        let problem = "expected one input, a file or - for standard input";
-        return Err(Error::argument("--live", problem));
-    };
     let (outline, circles) = arguments.images.outlines()?;
     if circles.is_some() {
         let problem = "expected U,V,R with --live, found a table of frames";
         return Err(Error::argument("circle", problem));
-    }
-    let fps = arguments.images.fps;
-    if fps.is_none() && is_file(path) {
-        let problem = "expected for a file: its frames do not arrive at their times";
-        return Err(Error::argument("--fps", problem));
     }
     let prior = Prior {
         outline,
         region: arguments.images.roi()?,
         ..Prior::default()
     };
-    let input = crate::cli::open_input(path)?;
-    let format = arguments.raw.unwrap_or(PipeFormat::Images);
-    let reader = PipeReader::new(input.reader, &input.name, format, DEFAULT_MAX_PIXELS)?;
-    let when_full = fps.map_or(WhenFull::DropOldest, |_| WhenFull::Wait);
-    let mut grabber = Grabber::start(reader, when_full)?;
+    let fps = arguments.images.fps;
+    let mut pipe = Pipe::open(
+        "--live",
+        &arguments.clip,
+        arguments.raw,
+        fps,
+        DEFAULT_MAX_PIXELS,
+    )?;
     let answer = "spindoe: no more frames are taken; once more ends at once";
     let stop = crate::cli::interrupt::stop_on_interrupt(answer)?;
     let mut clip = LiveClip::new(arguments.stand_in(config)?, arguments.dots, config.clone());
     let mut frame = Frame::default();
-    while !stop.load(Ordering::Relaxed) && grabber.next_frame(&mut frame)? {
-        let time_s = fps.map(|rate| frame.number as f64 / rate).or(frame.time_s);
+    while !stop.load(Ordering::Relaxed)
+        && let Some(time_s) = pipe.next_frame(&mut frame)?
+    {
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;
-        clip.push(picture, &prior, time_s.unwrap_or_default())?;
+        clip.push(picture, &prior, time_s)?;
         if let Some(survey) = clip.poll()? {
             say(&survey);
             if let Ok(built) = survey.pattern {
@@ -61,9 +54,9 @@ pub(super) fn read(arguments: &Arguments, config: &CalibrationConfig) -> Result<
     }
     let survey = clip.finish()?;
     say(&survey);
-    let built = survey.pattern.map_err(|r| no_answer(&input.name, &r))?;
+    let built = survey.pattern.map_err(|r| no_answer(&pipe.name, &r))?;
     let found = clip.confirm(built)?;
-    Ok(found.map_err(|why| no_answer(&input.name, &why))?.into())
+    Ok(found.map_err(|why| no_answer(&pipe.name, &why))?.into())
 }
 
 fn no_answer(input: &std::path::Path, reason: &dyn std::fmt::Display) -> Error {

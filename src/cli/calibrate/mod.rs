@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::images::{ImageArguments, order_warning, pipe_format, read_balls};
+use super::images::{ImageArguments, order_warning, read_balls};
 use crate::ball::Ball;
 use crate::calibrate::{
     BuiltPattern, Calibration, CalibrationConfig, DotState, SurfaceObserver, calibrate, confirmed,
@@ -58,7 +58,7 @@ pub struct Arguments {
     live: bool,
     /// The pipe holds raw video of this size, 8 bits a channel: gray, rgb or bgr [default: image files one after
     /// another, PNG, JPEG, PGM or PPM].
-    #[arg(long, value_name = "WxH,PIXEL", value_parser = pipe_format, requires = "live")]
+    #[arg(long, value_name = "WxH,PIXEL", value_parser = crate::cli::pipe::pipe_format, requires = "live")]
     raw: Option<PipeFormat>,
     /// Number of dots on the ball, where it is known.
     #[arg(long, value_name = "N")]

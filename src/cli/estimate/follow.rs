@@ -9,19 +9,14 @@ use serde_json::{Value, json};
 
 use super::{Arguments, output};
 use crate::ball::Ball;
-use crate::cli::images::is_file;
+use crate::cli::pipe::Pipe;
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
-use crate::source::grab::{Grabber, WhenFull};
-use crate::source::pipe::{PipeFormat, PipeReader};
-use crate::source::{Frame, FrameSource};
+use crate::image::ImageView;
+use crate::source::Frame;
 use crate::vision::estimator::{SequenceConfig, Tracker, TrackerConfig, TrackerState};
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let [path] = &arguments.images[..] else {
-        let problem = "expected one input, a file or - for standard input";
-        return Err(Error::argument("--follow", problem));
-    };
     let [table] = &arguments.table[..] else {
         let problem = "expected one table: a stream is not judged as a whole";
         return Err(Error::argument("--table", problem));
@@ -34,7 +29,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     let shown_in = arguments.frame()?;
     let mut sequence = SequenceConfig::default();
-    sequence.spin.max_rps = arguments.max_spin_rps;
+    sequence.spin.max_rps = arguments.max_spin_rps();
     let config = TrackerConfig {
         sequence,
         max_latency: max_latency(arguments.max_latency_ms)?,
@@ -44,45 +39,54 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     if let Some(roi) = arguments.source.roi()? {
         tracker = tracker.within(roi);
     }
-    let input = crate::cli::open_input(path)?;
-    let format = arguments.raw.unwrap_or(PipeFormat::Images);
-    let fps = arguments.source.fps;
-    if fps.is_none() && is_file(path) {
-        let problem = "expected for a file: its frames do not arrive at their times";
-        return Err(Error::argument("--fps", problem));
-    }
-    let reader = PipeReader::new(input.reader, &input.name, format, arguments.max_pixels)?;
-    let when_full = fps.map_or(WhenFull::DropOldest, |_| WhenFull::Wait);
-    let mut grabber = Grabber::start(reader, when_full)?;
+    each_frame(arguments, |image, number, time_s, arrived| {
+        let state = tracker.update(image, time_s, outline.as_ref())?;
+        let is_identified = state.frame.pose().is_some();
+        Ok((
+            is_identified,
+            line(shown_in, number, time_s, &state, arrived),
+        ))
+    })
+}
+
+/// Hands each frame of the pipe with its number, time and arrival to `work`, and writes the line that it makes at once; `work` says
+/// whether the frame was identified, too.
+pub(super) fn each_frame(
+    arguments: &Arguments,
+    mut work: impl FnMut(ImageView<'_>, u64, f64, Instant) -> Result<(bool, Value)>,
+) -> Result<()> {
+    let mut pipe = Pipe::open(
+        "--follow",
+        &arguments.images,
+        arguments.raw,
+        arguments.source.fps,
+        arguments.max_pixels,
+    )?;
     let mut stdout = std::io::stdout().lock();
     let (mut followed, mut identified) = (0u64, 0u64);
     let mut frame = Frame::default();
-    while grabber.next_frame(&mut frame)? {
-        let number = frame.number;
-        let rate_s = fps.map(|rate| number as f64 / rate);
-        let time_s = rate_s.or(frame.time_s).unwrap_or_default();
+    while let Some(time_s) = pipe.next_frame(&mut frame)? {
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;
-        let state = tracker.update(picture.view()?, time_s, outline.as_ref())?;
+        let (is_identified, line) = work(picture.view()?, frame.number, time_s, frame.arrived)?;
         followed += 1;
-        identified += u64::from(state.frame.pose().is_some());
-        let line = line(shown_in, number, time_s, &state, frame.arrived);
+        identified += u64::from(is_identified);
         writeln!(stdout, "{line}")
             .and_then(|()| stdout.flush())
             .map_err(crate::cli::stdout_error)?;
     }
-    let dropped = grabber.dropped();
+    let dropped = pipe.dropped();
     if dropped > 0 {
         errln!(
             "{}: warning: {dropped} of {} frames came faster than they can be looked at, and were dropped",
-            input.name.display(),
+            pipe.name.display(),
             followed + dropped
         );
     }
-    finish(&input.name, followed, identified)
+    finish(&pipe.name, followed, identified)
 }
 
-fn max_latency(ms: Option<f64>) -> Result<Option<Duration>> {
+pub(super) fn max_latency(ms: Option<f64>) -> Result<Option<Duration>> {
     let Some(ms) = ms else {
         return Ok(None);
     };

@@ -1,5 +1,6 @@
 //! `spindoe estimate`: from images to orientations, and with times to the spin.
 
+mod balls;
 mod follow;
 mod output;
 #[cfg(feature = "plot")]
@@ -25,9 +26,10 @@ use crate::geometry::CameraFrame;
 use crate::image::{DEFAULT_MAX_PIXELS, RgbImage};
 use crate::source::pipe::PipeFormat;
 use crate::spin::estimate::MotionModel;
+use crate::spin::golf::Flight;
 use crate::vision::estimator::{
-    Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, SequenceRows, SequenceSmears,
-    estimate_inputs,
+    Batch, BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome, SequenceRows,
+    SequenceSmears, estimate_inputs,
 };
 use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
 use output::{Evidence, Report};
@@ -55,6 +57,8 @@ images are mirrored: frames of another ball are identified by accident now and t
 Rejected frames are listed on standard error with the reason, and in --json.
 
 Examples:
+  spindoe estimate --table a.npz --table b.npz --balls auto clip.mp4 -o orientations.csv
+  spindoe estimate --table table.npz --strobe-ms 0,0.9,2.1 --golf --flight right exposures/
   spindoe estimate --table table.npz crops/ -o orientations.csv --overlay seen/
   ffmpeg -i CAMERA -f rawvideo -pix_fmt gray - |
       spindoe estimate --table table.npz --follow - --raw 640x480,gray --fps 350")]
@@ -113,9 +117,40 @@ pub struct Arguments {
     /// Estimate every frame independently.
     #[arg(long)]
     no_sequence: bool,
-    /// Maximum spin considered, revolutions per second.
-    #[arg(long, default_value_t = 175.0, allow_negative_numbers = true)]
-    max_spin_rps: f64,
+    /// Maximum spin considered, revolutions per second [default: 175; with --golf 250].
+    #[arg(long, value_name = "MAX_SPIN_RPS", allow_negative_numbers = true)]
+    max_spin_rps: Option<f64>,
+    /// All balls of every frame: so many, or auto, as many as there are. Each has its own row, with a column ball, whose number it
+    /// keeps from frame to frame; of several tables each has the one that fits it, in a column table.
+    #[arg(
+        long,
+        value_name = "N|auto",
+        value_parser = balls::count,
+        conflicts_with_all = ONE_BALL
+    )]
+    balls: Option<balls::Count>,
+    /// Flashes of one exposure, milliseconds, ascending: a frame shows one ball once for each flash, and its spin follows from these
+    /// images alone. Rows have the times of their flashes and a column flash.
+    #[arg(
+        long,
+        value_name = "MS,MS..",
+        value_delimiter = ',',
+        allow_negative_numbers = true,
+        conflicts_with_all = ONE_BALL
+    )]
+    strobe_ms: Vec<f64>,
+    /// Direction in which a strobed ball flies across the picture [default: by the images; where they leave it open, both are
+    /// reported].
+    #[arg(
+        long,
+        value_parser = one_of(&Flight::ALL, Flight::as_str),
+        requires = "strobe_ms"
+    )]
+    flight: Option<Flight>,
+    /// Golf: the spin of strobed balls as backspin, sidespin, tilt and rpm; a ball of 42.67 mm seen from 0.4 to 0.6 m, unless
+    /// --intrinsics or --camera-distance-radii say more; spins up to 15 000 rpm.
+    #[arg(long, requires = "strobe_ms")]
+    golf: bool,
     /// How the ball moves: at a constant or a decaying spin, precessing as an uneven ball does (the spin reported is then the mean
     /// one), or auto, the one of these for which there is evidence. The spin is that in the middle of the clip.
     #[arg(
@@ -155,7 +190,7 @@ pub struct Arguments {
     follow: bool,
     /// The pipe holds raw video of this size, 8 bits a channel: gray, rgb or bgr [default: image
     /// files one after another, PNG, JPEG, PGM or PPM].
-    #[arg(long, value_name = "WxH,PIXEL", value_parser = crate::cli::images::pipe_format, requires = "follow")]
+    #[arg(long, value_name = "WxH,PIXEL", value_parser = crate::cli::pipe::pipe_format, requires = "follow")]
     raw: Option<PipeFormat>,
     /// The most time for a frame, milliseconds: then the search for the ball ends, and the frame has no answer [default:
     /// no limit].
@@ -173,6 +208,28 @@ pub struct Arguments {
 const FILES_ONLY: [&str; 5] = ["output", "overlay", "times", "no_sequence", "json"];
 #[cfg(not(feature = "plot"))]
 const FILES_ONLY: [&str; 4] = ["output", "times", "no_sequence", "json"];
+
+/// What is for one ball alone.
+#[cfg(feature = "plot")]
+const ONE_BALL: &[&str] = &[
+    "overlay",
+    "report",
+    "calibrate",
+    "circle",
+    "motion",
+    "exposure_ms",
+    "readout_ms",
+    "mirrored",
+];
+#[cfg(not(feature = "plot"))]
+const ONE_BALL: &[&str] = &[
+    "calibrate",
+    "circle",
+    "motion",
+    "exposure_ms",
+    "readout_ms",
+    "mirrored",
+];
 
 /// Keeps the pictures that overlays need, and counts the frames.
 struct Pictures {
@@ -207,6 +264,9 @@ impl BatchObserver for Pictures {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.balls.is_some() || !arguments.strobe_ms.is_empty() {
+        return balls::run(arguments);
+    }
     if arguments.follow {
         return follow::run(arguments);
     }
@@ -355,7 +415,7 @@ impl Arguments {
             return Err(Error::argument("--min-confidence", problem));
         }
         self.source.check_rate()?;
-        let max_rps = self.max_spin_rps;
+        let max_rps = self.max_spin_rps();
         if !(max_rps > 0.0 && max_rps.is_finite()) {
             let problem = format!("expected a positive number, found {max_rps}");
             return Err(Error::argument("--max-spin-rps", problem));
@@ -370,7 +430,7 @@ impl Arguments {
             }
         }
         let mut config = EstimatorConfig {
-            camera: self.source.camera()?,
+            camera: self.camera()?,
             outline: self.source.outline,
             min_confidence: self.min_confidence,
             measures_blur: self.exposure_ms.is_some(),
@@ -393,6 +453,19 @@ impl Arguments {
         Estimator::for_ball(ball, config, self.source.detector()?)
     }
 
+    /// The maximum spin considered, revolutions per second.
+    fn max_spin_rps(&self) -> f64 {
+        let usual = if self.golf { balls::GOLF_RPS } else { 175.0 };
+        self.max_spin_rps.unwrap_or(usual)
+    }
+
+    /// What is known of the camera.
+    fn camera(&self) -> Result<CameraModel> {
+        let given = self.source.camera()?;
+        let is_open = self.golf && given == CameraModel::default();
+        Ok(if is_open { balls::golf_camera() } else { given })
+    }
+
     /// The frame of orientations and spin.
     fn frame(&self) -> Result<CameraFrame> {
         Ok(self.frame.of_view(self.source.camera()?.is_view()))
@@ -411,7 +484,7 @@ impl Arguments {
             max_pixels: self.max_pixels,
             ..BatchConfig::default()
         };
-        config.sequence.spin.max_rps = self.max_spin_rps;
+        config.sequence.spin.max_rps = self.max_spin_rps();
         Ok(config)
     }
 }

@@ -103,11 +103,11 @@ fn spin(
         return None;
     }
     let config = orientations.spin_config(SpinConfig {
-        max_rps: arguments.max_spin_rps,
+        max_rps: arguments.max_spin_rps(),
         ..SpinConfig::default()
     });
     let listed = AliasConfig {
-        max_rps: LISTED_BEYOND * arguments.max_spin_rps,
+        max_rps: LISTED_BEYOND * arguments.max_spin_rps(),
         sigma_rad: config.sigma_rad,
         ..AliasConfig::default()
     };

@@ -13,10 +13,12 @@ use crate::cli::output::Counter;
 use crate::error::{Error, Result, require};
 use crate::files::{self, Replacement};
 use crate::geometry::Vec3;
+use crate::pattern::Pattern;
 use crate::spin::DEFAULT_FPS;
 use crate::synth::SynthConfig;
-use crate::synth::dataset::{ClipConfig, Sequence, independent_frame};
+use crate::synth::dataset::{ClipConfig, Sequence, independent_frame, strobed_frame};
 use crate::synth::folder::{self, Masks, Origin, Written};
+use crate::synth::several::StrobeConfig;
 
 /// Maximum number of frames of a set.
 const MAX_FRAMES: usize = 1_000_000;
@@ -36,6 +38,8 @@ pub(super) enum Preset {
     Good,
     /// Good conditions on the camera's axis, at one spin.
     Sample,
+    /// A launch monitor's camera.
+    Golf,
     /// The ranges of a file.
     File(PathBuf),
 }
@@ -48,6 +52,7 @@ impl std::str::FromStr for Preset {
             "all" => Self::All,
             "good" => Self::Good,
             "sample" => Self::Sample,
+            "golf" => Self::Golf,
             path => Self::File(path.into()),
         })
     }
@@ -58,6 +63,7 @@ impl Preset {
         Ok(match self {
             Self::All => SynthConfig::default(),
             Self::Good => SynthConfig::good(),
+            Self::Golf => SynthConfig::golf(),
             // The camera looks at the ball: the estimator, which sees crops, takes it so.
             Self::Sample => SynthConfig {
                 max_off_axis_rad: 0.0,
@@ -148,14 +154,29 @@ impl Ranges {
 
 impl Arguments {
     fn is_clip(&self) -> bool {
-        self.content == Content::Clip
+        self.content() == Content::Clip
+    }
+
+    /// The flashes of each image, where there are several.
+    fn strobe(&self) -> Result<Option<StrobeConfig>> {
+        if self.strobe_ms.is_empty() {
+            return Ok(None);
+        }
+        let times = self.strobe_ms.iter().map(|ms| 1e-3 * ms).collect();
+        let mut strobe = StrobeConfig::new(times);
+        strobe.overlap = self.overlap.unwrap_or(strobe.overlap);
+        if self.preset() == Preset::Golf && self.rps.is_none() {
+            strobe = strobe.with_golf_spin();
+        }
+        strobe.check()?;
+        Ok(Some(strobe))
     }
 
     fn preset(&self) -> Preset {
-        let usual = if self.is_clip() {
-            Preset::Sample
-        } else {
-            Preset::All
+        let usual = match (self.is_clip(), self.strobe_ms.is_empty()) {
+            (true, _) => Preset::Sample,
+            (false, true) => Preset::All,
+            (false, false) => Preset::Golf,
         };
         self.preset.clone().unwrap_or(usual)
     }
@@ -213,6 +234,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let ball = arguments.ball()?;
     let config = arguments.synth_config(&ball)?;
     let clip = arguments.clip_config(&config)?;
+    let strobe = arguments.strobe()?;
+    let others = arguments.also.iter().map(|path| Ball::read(path));
+    let others: Vec<Ball> = others.collect::<Result<_>>()?;
     let pattern = ball.pattern();
     let seed = arguments.seed;
     let frames = arguments
@@ -224,25 +248,37 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         "1 to 1000000",
         frames,
     )?;
-    let sequence = clip
-        .as_ref()
-        .map(|s| Sequence::random(pattern, &config, s, seed, frames));
+    let all: Vec<Pattern> = std::iter::once(&ball)
+        .chain(&others)
+        .map(|b| b.pattern().clone())
+        .collect();
+    let sequence = clip.as_ref().map(|clip| match others.is_empty() {
+        true => Sequence::random(pattern, &config, clip, seed, frames),
+        false => Sequence::of_balls(&all, &config, clip, seed, frames),
+    });
     let sequence = sequence.transpose()?;
     let (folder, set) = arguments.begin()?;
     ball.write_csv(&set.path().join("pattern.csv"))?;
     ball.write_npz(&set.path().join("table.npz"))?;
+    for (k, other) in others.iter().enumerate() {
+        let number = k + 2;
+        other.write_csv(&set.path().join(format!("pattern{number}.csv")))?;
+        other.write_npz(&set.path().join(format!("table{number}.npz")))?;
+    }
     let origin = Origin {
         seed,
         pattern_sha256: pattern.sha256(),
         pattern: pattern.dots().iter().map(|d| (*d).into()).collect(),
         config: config.clone(),
         sequence: clip,
+        strobe: strobe.clone(),
     };
     let clock = Instant::now();
     let counter = Counter::new(frames as u64, "frames");
-    let draw = |k| match &sequence {
-        Some(sequence) => sequence.frame(k),
-        None => independent_frame(pattern, &config, seed, k),
+    let draw = |k| match (&sequence, &strobe) {
+        (Some(sequence), _) => sequence.frame(k),
+        (None, Some(strobe)) => strobed_frame(pattern, &config, strobe, seed, k),
+        (None, None) => independent_frame(pattern, &config, seed, k),
     };
     let masks = if arguments.masks {
         Masks::Write

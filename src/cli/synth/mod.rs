@@ -37,15 +37,17 @@ Examples:
   spindoe synth dots32 --as images --kind dotless -o empty
   spindoe synth table.npz -o clip --frames 20 --rps 60 --ball-px 60
   spindoe synth table.npz -o live --image-size 1280x1024 --ball-px 60 --config drift_px=400,-80
+  spindoe synth dots20 --also dots32 -o two
+  spindoe synth dots20 --strobe-ms 0,0.9,2.1 -o exposures
   spindoe synth dots20 --as dots --protocol clutter -o dots.csv
   spindoe synth --as orientations --rps 40 --frames 200 -o orientations.csv")]
 pub struct Arguments {
     /// The ball's pattern: a shipped one by its name, its CSV, a table, or the folder of a design or calibration
     /// [default: dots20].
     pattern: Option<PathBuf>,
-    /// What to make.
-    #[arg(long = "as", value_enum, value_name = "WHAT", default_value_t)]
-    content: Content,
+    /// What to make [default: a clip; images with --strobe-ms].
+    #[arg(long = "as", value_enum, value_name = "WHAT")]
+    content: Option<Content>,
     /// The folder or the file to write [default: of images and clips the folder sample].
     #[arg(short, long, value_name = "DIR|FILE.csv")]
     output: Option<PathBuf>,
@@ -59,10 +61,11 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// Ranges from which frames are drawn: all conditions; good ones (a ball of 60 pixels, sharp, well lit, in full view);
-    /// sample, good ones on the camera's axis, 40 rps; or a JSON file of them, as `config` in truth.json [default:
-    /// images all, a clip sample].
+    /// sample, good ones on the camera's axis, 40 rps; golf, a launch monitor's camera (balls of 100 pixels with dimples in
+    /// infrared light, golf's spins); or a JSON file of them, as `config` in truth.json [default: images all, a clip
+    /// sample, exposures with --strobe-ms golf].
     #[cfg(feature = "vision")]
-    #[arg(long, value_name = "all|good|sample|FILE.json")]
+    #[arg(long, value_name = "all|good|sample|golf|FILE.json")]
     preset: Option<images::Preset>,
     /// Content of the frames: the pattern's ball, or an object without the pattern [default: dotted].
     #[cfg(feature = "vision")]
@@ -86,6 +89,24 @@ pub struct Arguments {
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "MS", allow_negative_numbers = true)]
     readout_ms: Option<f64>,
+    /// Flashes of one exposure, milliseconds, ascending: each image shows the ball once for each flash, on its way across.
+    #[cfg(feature = "vision")]
+    #[arg(
+        long,
+        value_name = "MS,MS..",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    strobe_ms: Vec<f64>,
+    /// Part of the diameter that the nearest images of a strobed ball share: one number, or LOW,HIGH; negative where they are
+    /// apart [default: 0,0.6].
+    #[cfg(feature = "vision")]
+    #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "SHARE", requires = "strobe_ms")]
+    overlap: Option<[f64; 2]>,
+    /// A further ball that flies through the same clip, as PATTERN; may be given several times.
+    #[cfg(feature = "vision")]
+    #[arg(long, value_name = "PATTERN", conflicts_with = "strobe_ms")]
+    also: Vec<PathBuf>,
     /// Diameter of the ball, pixels: one number, or LOW,HIGH; the crop's side follows from it.
     #[cfg(feature = "vision")]
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "PX")]
@@ -121,17 +142,15 @@ pub struct Arguments {
 }
 
 /// What is made.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Content {
     /// One ball that rotates at a constant spin.
     #[cfg(feature = "vision")]
-    #[default]
     Clip,
     /// Another ball, view and camera in every frame.
     #[cfg(feature = "vision")]
     Images,
     /// Observed dots of single frames.
-    #[cfg_attr(not(feature = "vision"), default)]
     Dots,
     /// Time-stamped orientations of one ball.
     Orientations,
@@ -153,6 +172,9 @@ const OWN: &[(&str, &[Content])] = {
         ("exposure_ms", &[Clip]),
         ("readout_ms", &[Clip]),
         ("drift_px", &[Clip]),
+        ("also", &[Clip]),
+        ("strobe_ms", &[Images]),
+        ("overlap", &[Images]),
         ("fps", &[Clip, Orientations]),
         ("axis", &[Clip, Orientations]),
         ("rps", &[Clip, Images, Orientations]),
@@ -169,6 +191,18 @@ const OWN: &[(&str, &[Content])] = &[
 ];
 
 impl Arguments {
+    /// What is made.
+    fn content(&self) -> Content {
+        #[cfg(feature = "vision")]
+        let usual = match self.strobe_ms.is_empty() {
+            true => Content::Clip,
+            false => Content::Images,
+        };
+        #[cfg(not(feature = "vision"))]
+        let usual = Content::Dots;
+        self.content.unwrap_or(usual)
+    }
+
     /// The ball: the given one, or the shipped one of 20 dots.
     fn ball(&self) -> Result<Ball> {
         Ball::read(self.pattern.as_deref().unwrap_or(Path::new(PATTERN)))
@@ -226,9 +260,9 @@ fn numbers(text: &str) -> Vec<f64> {
 
 pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     if let Some(given) = given {
-        reject_foreign(given, OWN, arguments.content)?;
+        reject_foreign(given, OWN, arguments.content())?;
     }
-    match arguments.content {
+    match arguments.content() {
         #[cfg(feature = "vision")]
         Content::Clip | Content::Images => images::run(arguments),
         Content::Dots => dots::run(arguments),

@@ -1,5 +1,7 @@
 //! The search for the circles of an image, and what of them is kept.
 
+pub(in crate::vision) mod all;
+
 use nalgebra::Vector3;
 
 use super::edges::Unrolled;

@@ -26,6 +26,7 @@ use nalgebra::Matrix3;
 use super::camera::{BallCircle, Pixel};
 use crate::image::GrayImage;
 pub(super) use finder::WHOLE;
+pub(super) use finder::all::is_one_place;
 pub use finder::{BallFinder, find_ball};
 
 /// What is accepted as a ball.
@@ -73,6 +74,14 @@ pub enum Polarity {
 }
 
 impl Polarity {
+    /// The other one.
+    fn opposite(self) -> Self {
+        match self {
+            Self::Darker => Self::Brighter,
+            Self::Brighter | Self::Mixed => Self::Darker,
+        }
+    }
+
     /// The sign of the edges searched for; 0 for either.
     fn sign(self) -> f64 {
         match self {

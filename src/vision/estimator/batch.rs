@@ -632,7 +632,7 @@ impl<T> Sink<Result<T>> for Changed<T> {
     }
 }
 
-fn set_times<K>(
+pub(super) fn set_times<K>(
     clock: &FrameClock,
     video: Option<VideoClock>,
     frames: &mut [BatchFrame<K>],

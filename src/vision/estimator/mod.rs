@@ -39,6 +39,9 @@
 //!
 //! Orientations map the pattern's frame to the camera's (x right, y up, z towards the camera).
 
+mod ball_tracks;
+mod balls;
+mod balls_batch;
 mod batch;
 mod config;
 mod dense;
@@ -57,11 +60,15 @@ mod sequence;
 mod sequence_view;
 mod sharpen;
 mod smears;
+mod strobe;
 mod tracker;
 mod trust;
 mod whole;
 
 pub use super::outline::{Outline, OutlineSource};
+pub use ball_tracks::{BallTracks, NumberedBalls, number_balls};
+pub use balls::{BallEstimate, BallsEstimator, BallsWorkspace};
+pub use balls_batch::{BallsBatch, BallsFrame, estimate_ball_inputs};
 pub use batch::{
     Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
     estimate_inputs,
@@ -78,6 +85,7 @@ pub use sequence::{
 };
 pub use sequence_view::SequenceView;
 pub use smears::SequenceSmears;
+pub use strobe::{Strobe, StrobeHypothesis};
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
 pub use trust::{
     DENSE_FEATURES, DenseEvidence, FEATURES, PoseEvidence, TrustMap, WHOLE_FEATURES, WholeEvidence,
@@ -87,7 +95,7 @@ use std::sync::OnceLock;
 
 use nalgebra::Matrix3;
 
-use super::camera::{BallView, Camera, Intrinsics};
+use super::camera::{BallCircle, BallView, Camera, Intrinsics};
 use super::cap::CapFitter;
 use super::circle::coarse::CoarseSearch;
 use super::dense::{DenseMatcher, DenseWorkspace, Heat};
@@ -146,6 +154,9 @@ pub struct EstimatorWorkspace<W> {
     /// How the ball of the last patch was recentered.
     recentered: Option<Recentered>,
     patch: Patch,
+    /// Outlines of other balls over that in hand, pixels of the frame, and whether they add light rather than hide it.
+    covers: Vec<BallCircle>,
+    covers_add: bool,
     detector: W,
     recognizer: RobustWorkspace,
     dense: DenseWorkspace,
@@ -280,6 +291,8 @@ impl<D: DotDetector> Estimator<D> {
             recentering: Recentering::new(self.config.circle),
             recentered: None,
             patch: Patch::default(),
+            covers: Vec::new(),
+            covers_add: false,
             detector: self.detector.workspace(),
             recognizer: self.recognizers[0].workspace(),
             dense: DenseWorkspace::default(),

@@ -205,12 +205,12 @@ pub(super) struct Places {
 }
 
 impl Places {
-    /// Makes the plan for a frame. `region` is the part of it where the ball is.
+    /// Makes the plan for a frame. `region` is the part of it where the ball is; the outline of the prior is worth `standing`.
     pub fn plan(
         &mut self,
         image: &ImageView<'_>,
         region: Option<Roi>,
-        prior: &Prior,
+        (prior, standing): (&Prior, Standing),
         budget: &Budget,
     ) {
         self.steps.clear();
@@ -230,7 +230,7 @@ impl Places {
             Some(known) => Place::Known(known),
             None => Place::Near(expected.circle),
         };
-        self.steps.push(Step::At(Proposal::likely(place)));
+        self.steps.push(Step::At(Proposal { place, standing }));
         if matches!(place, Place::Known(_)) || expected.reach() < SURROUNDINGS {
             return;
         }

@@ -130,7 +130,7 @@ impl VirtualCamera {
     }
 
     /// Where a pixel of the virtual image lies in the image.
-    fn image_of(&self, pixel: Pixel) -> Pixel {
+    pub fn image_of(&self, pixel: Pixel) -> Pixel {
         self.intrinsics.project(&self.ray(pixel))
     }
 

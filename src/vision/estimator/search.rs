@@ -17,7 +17,7 @@ use super::{
 };
 use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;
-use crate::vision::camera::Pixel;
+use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::NoBall;
 use crate::vision::detect::{DotDetector, LIKELY_DOT};
 use crate::vision::grid::Grid;
@@ -75,7 +75,19 @@ impl<D: DotDetector> Estimator<D> {
         ws: &mut EstimatorWorkspace<D::Workspace>,
         out: &mut FrameEstimate,
     ) {
-        let image = image.into();
+        self.estimate_standing(image.into(), prior, Standing::Likely, budget, ws, out);
+    }
+
+    /// As [`Estimator::estimate`], where the outline of the prior is worth so much before its dots are seen.
+    pub(super) fn estimate_standing(
+        &self,
+        image: ImageView<'_>,
+        prior: &Prior,
+        standing: Standing,
+        budget: &Budget,
+        ws: &mut EstimatorWorkspace<D::Workspace>,
+        out: &mut FrameEstimate,
+    ) {
         ws.spending = Spending::of(*budget);
         out.clear();
         let (width, height) = (image.width(), image.height());
@@ -89,7 +101,7 @@ impl<D: DotDetector> Estimator<D> {
         }
         let mut places = std::mem::take(&mut ws.places);
         let mut there = std::mem::take(&mut ws.there);
-        places.plan(&image, region.filter(is_wide), prior, budget);
+        places.plan(&image, region.filter(is_wide), (prior, standing), budget);
         let mut is_answered = false;
         while !is_answered && let Some(proposal) = self.next_place(&image, out, &mut places, ws) {
             self.try_place(image, &proposal, prior.rotation.as_ref(), ws, &mut there);
@@ -370,6 +382,15 @@ impl<D: DotDetector> Estimator<D> {
         match ws.recentered {
             Some(ball) => ws.patch.cut_into(ws.recentering.image(), &ball.circle),
             None => ws.patch.cut_into(crop.gray, &candidate.outline.circle),
+        }
+        if !ws.covers.is_empty() {
+            let in_crop = ws.covers.iter().map(|c| crop.grid.circle_to_part(c));
+            let covers: Vec<BallCircle> = in_crop.collect();
+            let seen_at = |pixel| match &ws.recentered {
+                Some(ball) => ball.camera.image_of(pixel),
+                None => pixel,
+            };
+            ws.patch.uncover(&covers, ws.covers_add, seen_at);
         }
         self.detector
             .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);

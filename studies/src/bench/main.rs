@@ -10,6 +10,7 @@ mod camera_race;
 mod cost;
 mod derive;
 mod detection_limit;
+mod flying;
 mod frames;
 mod latency;
 mod limit;
@@ -32,6 +33,7 @@ mod spin_decay;
 mod spin_motion;
 mod spin_rates;
 mod stencils;
+mod strobe;
 mod tables;
 mod targets;
 mod trust;
@@ -112,6 +114,8 @@ enum Command {
     CalibrationUnknown(calibration_unknown::Args),
     /// Stencils of many random patterns, for `tests/python/check_stencils.py`.
     Stencils(stencils::Args),
+    /// Several images of balls in one picture: strobed exposures, flying balls.
+    Strobe(strobe::Args),
     /// Derive the numbers that follow from nets and synthetic world, where their inputs have changed.
     Derive(derive::Args),
     /// Make anew what follows from the synthetic world: nets, derived numbers, tables.
@@ -161,6 +165,7 @@ fn main() -> Outcome {
         Command::CalibrationBound(args) => args.run(),
         Command::CalibrationUnknown(args) => args.run(),
         Command::Stencils(args) => args.run(),
+        Command::Strobe(args) => args.run(),
         Command::Derive(args) => args.run(),
         Command::Rebuild(args) => args.run(),
         Command::Tables(args) => args.run(),

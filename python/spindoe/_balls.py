@@ -1,0 +1,156 @@
+"""All balls of a frame, and the images of one ball in an exposure with several flashes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _native
+from ._common import Floats, Rejection, floats
+from ._frame import FrameEstimate, frame_of
+from ._image import Color, Image, frames_of, pixels
+from ._pattern import HashTable
+from ._vision import Estimator
+
+Flight = Literal["left", "right", "up", "down"]
+"""The direction in which a ball flies across the picture."""
+
+
+@dataclass(frozen=True, slots=True)
+class BallEstimate:
+    """One of the balls of a frame."""
+
+    frame: FrameEstimate
+    """Its outline, dots and pose, or why it has none."""
+    table: HashTable
+    """The table that fits it best."""
+    table_probabilities: tuple[float, ...]
+    """Probability of each table by the dots of this frame, in the order of the estimators."""
+    number: int | None = None
+    """Its number in a sequence, which it keeps; None in single frames, and without an outline."""
+
+
+@dataclass(frozen=True, slots=True)
+class StrobeHypothesis:
+    """One way in which the images of an exposure and its flashes may belong together."""
+
+    probability: float
+    """Its probability among all."""
+    lit: tuple[tuple[int, int], ...]
+    """The balls, by their place in `StrobeEstimate.balls`, with the flashes that lit them, in order of time."""
+    missed: tuple[int, ...]
+    """Flashes without an image."""
+    flight: Flight
+    """The direction nearest to its motion."""
+    velocity_px_s: tuple[float, float]
+    """Velocity of the ball's center in the picture, pixels a second (u, v)."""
+    spin_rad_s: Floats | Rejection
+    """The spin vector, in the frame of the poses, or why there is none."""
+    covariance: Floats | None
+    """Its covariance, (rad/s)^2."""
+    alternatives: Floats
+    """Faster spins that explain the images as well, shape (n, 3)."""
+
+
+@dataclass(frozen=True, slots=True)
+class StrobeEstimate:
+    """An exposure with several flashes."""
+
+    balls: list[BallEstimate]
+    """All images of the ball, those with a pose first."""
+    hypotheses: list[StrobeHypothesis]
+    """What they may show, the likeliest first; none for fewer than two images."""
+
+
+class Balls:
+    """Estimates all balls of a frame.
+
+    Args:
+        estimators: One for each table that a ball may carry.
+        count: How many balls a frame has; by default as many as there are.
+
+    An instance may be used from several threads.
+    """
+
+    __slots__ = ("_handle", "estimators")
+    estimators: tuple[Estimator, ...]
+    """One for each table."""
+
+    def __init__(self, estimators: Estimator | Sequence[Estimator], count: int | None = None) -> None:
+        several = (estimators,) if isinstance(estimators, Estimator) else tuple(estimators)
+        self.estimators = several
+        self._handle = _native.Balls([one._handle for one in several], count)
+
+    def estimate(self, image: Image, *, color: Color | None = None) -> list[BallEstimate]:
+        """The balls of one frame, those with a pose first."""
+        return [self._ball(ball) for ball in self._handle.estimate(*pixels("image", image, color))]
+
+    def estimate_sequence(
+        self,
+        images: Sequence[Image] | NDArray[Any],
+        times_s: ArrayLike,
+        *,
+        color: Color | None = None,
+        max_rps: float = 175.0,
+    ) -> list[list[BallEstimate]]:
+        """The balls of every frame of a sequence; each keeps its number. Times are in seconds, increasing. A pose by another
+        table than all frames of its ball speak for is taken back."""
+        frames, order = frames_of(images, color)
+        times = [float(t) for t in floats("times_s", times_s)]
+        found, _ = self._handle.estimate_sequence(frames, order, times, float(max_rps))
+        return [[self._ball(ball, number) for number, ball in balls] for balls in found]
+
+    def estimate_strobe(
+        self,
+        image: Image,
+        times_s: ArrayLike,
+        *,
+        flight: Flight | None = None,
+        color: Color | None = None,
+        max_rps: float = 250.0,
+    ) -> StrobeEstimate:
+        """The images of one ball in an exposure with flashes at these times, seconds; its spin follows from them alone.
+
+        Args:
+            image: The exposure.
+            times_s: Times of the flashes, ascending.
+            flight: The direction of flight; where it is not given and the images leave it open, both are hypotheses.
+            color: As in `Estimator.estimate`.
+            max_rps: Largest spin considered, revolutions per second.
+        """
+        times = [float(t) for t in floats("times_s", times_s)]
+        balls, found = self._handle.estimate_strobe(
+            *pixels("image", image, color), times, flight, float(max_rps)
+        )
+        return StrobeEstimate([self._ball(ball) for ball in balls], [_hypothesis(h) for h in found])
+
+    def _ball(self, found: _native._Ball, number: int | None = None) -> BallEstimate:
+        frame, table, probabilities = found
+        return BallEstimate(
+            frame_of(frame), self.estimators[table].table, tuple(probabilities), number
+        )
+
+
+def _hypothesis(found: _native._Strobed) -> StrobeHypothesis:
+    probability, lit, missed, flight, velocity, spin = found
+    vector: Floats | Rejection
+    covariance: Floats | None
+    others: list[list[float]]
+    if isinstance(spin, str):
+        vector, covariance, others = Rejection(spin), None, []
+    else:
+        vector, covariance, others = spin
+    return StrobeHypothesis(
+        probability,
+        tuple(lit),
+        tuple(missed),
+        cast("Flight", flight),
+        (velocity[0], velocity[1]),
+        vector,
+        covariance,
+        np.array(others, dtype=np.float64).reshape(-1, 3),
+    )

@@ -1,0 +1,52 @@
+"""Several balls, and exposures with several flashes: Python and the command give the same."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from conftest import run
+
+import spindoe
+
+
+def test_the_spin_of_an_exposure(command, tmp_path):
+    folder = tmp_path / "exposures"
+    run(command, "synth", "dots20", "--strobe-ms", "0,0.9,2.1", "--frames", 1, "--seed", 4, "-o", folder)
+    image = folder / "images/frame-000000.png"
+    flags = ("--strobe-ms", "0,0.9,2.1", "--max-spin-rps", 250, "--json")
+    theirs = json.loads(run(command, "estimate", "--table", folder / "table.npz", *flags, image))
+    theirs = theirs["frames"][0]["strobe"]["hypotheses"]
+    balls = spindoe.Balls(spindoe.Estimator(folder / "table.npz"), count=3)
+    ours = balls.estimate_strobe(image, [0.0, 0.9e-3, 2.1e-3])
+    assert len(ours.balls) == 3 and len(ours.hypotheses) == len(theirs)
+    assert ours.hypotheses[0].missed == () and len(ours.hypotheses[0].lit) == 3
+    for a, b in zip(ours.hypotheses, theirs, strict=True):
+        assert a.flight == b["flight"]
+        assert a.probability == pytest.approx(b["probability"], abs=1e-9)
+        np.testing.assert_allclose(a.spin_rad_s, b["spin"]["spin_rad_s"], rtol=1e-9)
+    with pytest.raises(ValueError, match="strobe"):
+        balls.estimate_strobe(image, [0.0, 0.0])
+    with pytest.raises(ValueError, match="flight"):
+        balls.estimate_strobe(image, [0.0, 1e-3], flight="sideways")  # type: ignore[arg-type]
+
+
+def test_balls_of_two_tables_keep_their_numbers(command, tmp_path):
+    folder = tmp_path / "two"
+    run(command, "synth", "dots20", "--also", "dots32", "--ball-px", 70, "--frames", 6, "-o", folder)
+    tables = [folder / "table.npz", folder / "table2.npz"]
+    balls = spindoe.Balls([spindoe.Estimator(table) for table in tables])
+    images = sorted((folder / "images").glob("*.png"))
+    frames = balls.estimate_sequence(images, np.arange(6) / 350)
+    named: dict[int | None, set[str]] = {}
+    for frame in frames:
+        for ball in frame:
+            if ball.frame.pose:
+                named.setdefault(ball.number, set()).add(ball.table.pattern.sha256)
+                assert sum(ball.table_probabilities) == pytest.approx(1.0)
+    assert len(named) == 2
+    assert all(len(tables) == 1 for tables in named.values())
+    assert [b.frame.circle for b in balls.estimate(images[0])]
+    with pytest.raises(ValueError, match="balls"):
+        spindoe.Balls(balls.estimators, count=0)

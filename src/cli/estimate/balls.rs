@@ -1,0 +1,160 @@
+//! `spindoe estimate --balls` and `--strobe-ms`: all balls of every frame, or all images of one ball in each exposure.
+
+mod report;
+
+use std::io::Write as _;
+use std::str::FromStr;
+
+use serde_json::json;
+
+use super::{Arguments, follow};
+use crate::cli::images::read_balls;
+use crate::cli::output::Counter;
+use crate::error::{Error, Result};
+use crate::files;
+use crate::spin::robust::SpinConfig;
+use crate::vision::NamedDetector;
+use crate::vision::estimator::{
+    BallTracks, BallsEstimator, Budget, CameraDistance, CameraModel, Strobe, estimate_ball_inputs,
+};
+use report::{Report, ball_json, strobe_json};
+
+/// The fastest golf spin that is considered: 15 000 rpm.
+pub(super) const GOLF_RPS: f64 = 250.0;
+/// A golf ball's radius over the distances of a launch monitor's camera, 0.4 to 0.6 m: their middle and a standard deviation.
+const GOLF_CAMERA: CameraDistance = CameraDistance {
+    inverse_distance: 0.0434,
+    sigma: 0.006,
+};
+
+/// What a launch monitor's camera is taken to be.
+pub(super) fn golf_camera() -> CameraModel {
+    CameraModel::Unknown(GOLF_CAMERA)
+}
+
+/// How many balls a frame has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Count {
+    /// As many as there are.
+    Auto,
+    /// So many.
+    Of(usize),
+}
+
+pub(super) fn count(text: &str) -> std::result::Result<Count, String> {
+    match usize::from_str(text) {
+        _ if text == "auto" => Ok(Count::Auto),
+        Ok(count @ 1..=16) => Ok(Count::Of(count)),
+        _ => Err("expected 1 to 16, or auto".into()),
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    let strobe = strobe(arguments)?;
+    let estimators = read_balls(&arguments.table)?;
+    let estimators = estimators.iter().map(|ball| arguments.estimator(ball));
+    let estimators = estimators.collect::<Result<Vec<_>>>()?;
+    let count = match arguments.balls {
+        Some(Count::Of(count)) => Some(count),
+        Some(Count::Auto) => None,
+        None => strobe.as_ref().map(|s| s.times_s().len()),
+    };
+    let estimator = BallsEstimator::new(estimators, count)?;
+    if arguments.follow {
+        return follow_balls(arguments, &estimator, strobe.as_ref());
+    }
+    let config = arguments.batch()?;
+    let file = arguments.output.as_deref().map(files::OutputFile::create);
+    let file = file.transpose()?;
+    let counter = Counter::new(0, "frames");
+    let shown = |done| counter.set(done as u64);
+    let inputs = &arguments.images;
+    let mut batch = estimate_ball_inputs(&estimator, inputs, &config, strobe.as_ref(), shown)?;
+    counter.finish();
+    let report = Report::new(arguments, &mut batch, strobe.as_ref())?;
+    let text = report.to_csv();
+    if let (Some(mut file), Some(path)) = (file, &arguments.output) {
+        file.write_all(text.as_bytes())
+            .map_err(|e| Error::write(path, e))?;
+        file.finish()?;
+    }
+    if arguments.json {
+        crate::cli::print_json(&report.to_json())?;
+    } else if arguments.output.is_none() {
+        crate::cli::write_stdout(text.as_bytes())?;
+    }
+    report.say();
+    match report.identified() {
+        0 => Err(Error::NoAnswer {
+            path: arguments.images[0].clone(),
+            reason: format!("no ball of {} frames is identified", report.frames()),
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// The flashes, where a frame is an exposure with several.
+fn strobe(arguments: &Arguments) -> Result<Option<Strobe>> {
+    if arguments.strobe_ms.is_empty() {
+        return Ok(None);
+    }
+    if arguments.table.len() > 1 {
+        let problem = "expected one table with --strobe-ms: the images are of one ball";
+        return Err(Error::argument("--table", problem));
+    }
+    let spin = SpinConfig {
+        max_rps: arguments.max_spin_rps(),
+        ..SpinConfig::default()
+    };
+    let times = arguments.strobe_ms.iter().map(|ms| 1e-3 * ms).collect();
+    Strobe::new(times, arguments.flight, spin).map(Some)
+}
+
+fn follow_balls(
+    arguments: &Arguments,
+    estimator: &BallsEstimator<NamedDetector>,
+    strobe: Option<&Strobe>,
+) -> Result<()> {
+    let shown_in = arguments.frame()?;
+    let max_latency = follow::max_latency(arguments.max_latency_ms)?;
+    let region = arguments.source.roi()?;
+    let spin = SpinConfig {
+        max_rps: arguments.max_spin_rps(),
+        ..SpinConfig::default()
+    };
+    let mut tracks = BallTracks::new(spin);
+    let mut ws = estimator.workspace()?;
+    follow::each_frame(arguments, |image, number, time_s, arrived| {
+        let budget = max_latency.map_or_else(Budget::default, Budget::within);
+        let balls = match strobe {
+            Some(strobe) => estimator.estimate_strobed(image, region, strobe, &budget, &mut ws),
+            None => {
+                let expected = tracks.expected(time_s);
+                estimator.estimate(image, region, &expected, &budget, &mut ws)
+            }
+        };
+        let is_identified = balls.iter().any(|b| b.frame.pose().is_some());
+        let mut line = json!({ "frame": number, "time_s": time_s });
+        let numbers: Vec<Option<usize>> = match strobe {
+            None => tracks.update(time_s, &balls),
+            Some(_) => (0..balls.len()).map(Some).collect(),
+        };
+        let mut numbered: Vec<_> = numbers.into_iter().zip(&balls).collect();
+        numbered.sort_by_key(|(number, _)| *number);
+        let shown = numbered.iter().map(|(number, ball)| {
+            let mut json = ball_json(arguments, shown_in, *number, ball);
+            if let Some((table, share)) = number.and_then(|n| tracks.table(n)) {
+                json["table"] = arguments.table[table].display().to_string().into();
+                json["table_probability"] = share.into();
+            }
+            json
+        });
+        line["balls"] = shown.collect();
+        if let Some(strobe) = strobe {
+            let found = strobe.read(&balls, shown_in);
+            line["strobe"] = strobe_json(arguments, strobe, shown_in, &found);
+        }
+        line["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
+        Ok((is_identified, line))
+    })
+}

@@ -1,0 +1,133 @@
+//! The spin of two orientations.
+//!
+//! Two orientations `T` apart determine a spin without checking it: `w = log(R2 R1^-1) / T`, and every faster one about the same axis by
+//! whole turns, `w + 2 pi k u / T`. With the covariances `C1`, `C2` of the orientations, rad^2, and the left Jacobian `J` of the rotation
+//! vector (J. Sola, "A micro Lie theory", arXiv 1812.01537, eq. 145 and 146), the covariance of the spin is
+//!
+//! ```text
+//! J^-1 (C2 + R C1 R^T) J^-T / T^2,   R = R2 R1^-1
+//! ```
+//!
+//! Guaranteed: all spins up to the limit that explain the orientations are listed. Not guaranteed: that an orientation is right; nothing
+//! checks it.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Matrix3;
+
+use super::alias::Alternative;
+use super::motion::ConstantSpin;
+use super::{Fit, Measurement, SpinRejection, check};
+use crate::geometry::Vec3;
+
+/// The slowest spin that leads from one orientation to the other, and the faster ones up to `max_rps`, slower first. `covariances` are
+/// those of the orientations, rad^2, in the same frame.
+///
+/// # Errors
+/// A [`SpinRejection`] where the times do not increase or the measurements are out of their domain.
+pub fn fit_pair(
+    pair: &[Measurement; 2],
+    covariances: &[Matrix3<f64>; 2],
+    max_rps: f64,
+) -> Result<(Fit, Vec<Alternative>), SpinRejection> {
+    check(pair, 2)?;
+    let [first, second] = pair;
+    let interval_s = second.time_s - first.time_s;
+    let relative = second.orientation * first.orientation.inverse();
+    let turn = relative.scaled_axis();
+    let matrix = *relative.to_rotation_matrix().matrix();
+    let both = covariances[1] + matrix * covariances[0] * matrix.transpose();
+    let back = inverse_left_jacobian(&turn);
+    let spin = turn / interval_s;
+    let fit = Fit {
+        motion: ConstantSpin {
+            time_s: first.time_s,
+            orientation: first.orientation,
+            spin,
+        },
+        spin_covariance: Some(back * both * back.transpose() / (interval_s * interval_s)),
+        sigma_rad: Some((both.trace() / 6.0).sqrt()),
+        log_likelihood: None,
+        inliers: 2,
+        lack_of_fit: None,
+    };
+    let axis = turn.try_normalize(1e-12).unwrap_or(Vec3::x());
+    let most = (max_rps * interval_s).ceil() as i64 + 1;
+    let turns = (-most..=most).filter(|k| *k != 0);
+    let mut others: Vec<Alternative> = turns
+        .map(|k| Alternative {
+            spin: spin + axis * (TAU * k as f64 / interval_s),
+            log_likelihood_ratio: 0.0,
+        })
+        .filter(|a| a.spin.norm() <= TAU * max_rps)
+        .collect();
+    others.sort_by(|a, b| a.spin.norm().total_cmp(&b.spin.norm()));
+    Ok((fit, others))
+}
+
+/// The inverse of the left Jacobian of a rotation vector of at most half a turn.
+fn inverse_left_jacobian(turn: &Vec3) -> Matrix3<f64> {
+    let angle = turn.norm();
+    let cross = turn.cross_matrix();
+    // To fourth order 1 / 12 (1 + a^2 / 60).
+    let factor = match angle < 1e-3 {
+        true => 1.0 / 12.0,
+        false => (1.0 - 0.5 * angle / (0.5 * angle).tan()) / (angle * angle),
+    };
+    Matrix3::identity() - cross * 0.5 + cross * cross * factor
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Rotation, random_rotation};
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::StandardNormal;
+
+    fn noisy(rng: &mut rand_chacha::ChaCha8Rng, sigma: f64, spin: &Vec3) -> [Measurement; 2] {
+        let start = random_rotation(rng);
+        [0.0, 0.9e-3].map(|time_s| {
+            let error = Vec3::from_fn(|_, _| sigma * rng.sample::<f64, _>(StandardNormal));
+            let right = Rotation::from_scaled_axis(spin * time_s) * start;
+            Measurement::new(time_s, Rotation::from_scaled_axis(error) * right)
+        })
+    }
+
+    #[test]
+    fn the_covariance_is_that_of_many_pairs() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+        let spin = Vec3::new(300.0, -200.0, 1100.0);
+        let sigma = 0.005;
+        let covariances = [Matrix3::identity() * (sigma * sigma); 2];
+        let (mut squares, mut stated) = (Matrix3::zeros(), Matrix3::zeros());
+        let count = 4_000;
+        for _ in 0..count {
+            let pair = noisy(&mut rng, sigma, &spin);
+            let (fit, _) = fit_pair(&pair, &covariances, 200.0).expect("a spin");
+            let off = fit.motion.spin - spin;
+            squares += off * off.transpose() / f64::from(count);
+            stated += fit.spin_covariance.expect("a covariance") / f64::from(count);
+        }
+        for k in 0..3 {
+            let ratio = squares[(k, k)] / stated[(k, k)];
+            assert!((ratio - 1.0).abs() < 0.1, "axis {k}: {ratio}");
+        }
+    }
+
+    #[test]
+    fn every_spin_that_leads_from_one_to_the_other_is_listed() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+        let spin = Vec3::new(0.0, 0.0, TAU * 900.0);
+        let pair = noisy(&mut rng, 0.0, &spin);
+        let (fit, others) = fit_pair(&pair, &[Matrix3::zeros(); 2], 2_000.0).expect("a spin");
+        // 0.81 turns: the slowest is 0.19 turns the other way.
+        let rps = |w: &Vec3| w.z / TAU;
+        assert!((rps(&fit.motion.spin) + 0.19 / 0.9e-3).abs() < 1e-6);
+        let listed: Vec<f64> = others.iter().map(|a| rps(&a.spin)).collect();
+        let expected = [0.81, -1.19, 1.81 - 1e9].map(|turns: f64| turns / 0.9e-3);
+        assert_eq!(listed.len(), 2);
+        for (a, b) in listed.iter().zip(expected) {
+            assert!((a - b).abs() < 1e-6, "{listed:?}");
+        }
+    }
+}

@@ -1,0 +1,219 @@
+//! Several images of balls in one frame: of one ball by the flashes of one exposure, or of several balls.
+//!
+//! A scene has its own ball and further [`BallImage`]s. Each is rendered as the scene's own is. What one flash lights is seen at one
+//! instant: of two balls the nearer one, which has the larger outline, hides the other. What several flashes light adds up: a dot in one
+//! image lets through the light of another that covers it, and fades. Each of `n` flashes gives the background an `n`th of its light.
+
+use rand::{Rng, RngExt};
+
+use super::config::SynthConfig;
+use super::random::{between, log_between};
+use super::scene::{Scene, pinhole};
+use super::surface::Surface;
+use crate::error::{Result, require};
+use crate::geometry::{Rotation, Vec3};
+use crate::pattern::Pattern;
+use crate::vision::camera::{BallCircle, Camera, Pixel};
+
+/// Maximum number of flashes of an exposure.
+pub const MAX_FLASHES: usize = 12;
+/// Duration of a flash, s: infrared diodes are pulsed for ten to thirty microseconds.
+const FLASH_S: f64 = 2e-5;
+/// Images of a ball add up: the sensor is exposed for that.
+const HEADROOM: f32 = 0.6;
+/// Room around the images of a ball in a picture without a given size, diameters.
+const MARGIN: f64 = 0.75;
+/// Maximum climb of a flight, radians, and change of the radius over it, as a part.
+const MAX_CLIMB: f64 = 0.45;
+const MAX_GROWTH: f64 = 0.03;
+/// Spin about the line of flight that a club gives at most, rad/s: 300 rpm.
+const MAX_RIFLE: f64 = 31.4;
+
+/// Which image of which ball.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ImageOf {
+    /// Number of the ball; 0 is the scene's own.
+    pub ball: usize,
+    /// Number of the flash that lights it.
+    pub flash: usize,
+}
+
+/// A further image of a ball in the frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BallImage {
+    /// Which it is.
+    pub of: ImageOf,
+    /// Its time after the scene's own, s.
+    pub late_s: f64,
+    /// The ball and what is on it.
+    pub surface: Surface,
+    /// As [`Scene::circle`].
+    pub circle: BallCircle,
+    /// Orientation, pattern to camera frame.
+    pub rotation: Rotation,
+    /// Spin, camera frame, rad/s.
+    pub spin: Vec3,
+    /// As [`Scene::shift_px`].
+    pub shift_px: [f64; 2],
+}
+
+impl BallImage {
+    /// Whether it hides the other where both are seen.
+    pub(super) fn hides(&self, of: ImageOf, circle: &BallCircle) -> bool {
+        self.of.flash == of.flash && self.circle.radius > circle.radius
+    }
+}
+
+impl Scene {
+    /// The scene of each image of a ball, with the others beside it; that of the scene's own comes first.
+    pub(super) fn images(&self) -> Vec<Self> {
+        let image = |k: usize| {
+            let mut scene = self.clone();
+            if let Some(other) = k.checked_sub(1).and_then(|k| scene.others.get_mut(k)) {
+                std::mem::swap(&mut scene.image, &mut other.of);
+                std::mem::swap(&mut scene.late_s, &mut other.late_s);
+                std::mem::swap(&mut scene.surface, &mut other.surface);
+                std::mem::swap(&mut scene.circle, &mut other.circle);
+                std::mem::swap(&mut scene.rotation, &mut other.rotation);
+                std::mem::swap(&mut scene.spin, &mut other.spin);
+                std::mem::swap(&mut scene.shift_px, &mut other.shift_px);
+            }
+            scene
+        };
+        (0..=self.others.len()).map(image).collect()
+    }
+}
+
+/// The flashes of one exposure, and how a ball flies through them.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct StrobeConfig {
+    /// Times of the flashes, s, ascending.
+    pub times_s: Vec<f64>,
+    /// Part of the diameter that the two images nearest to each other share: 0 where they touch, negative where they are apart.
+    pub overlap: [f64; 2],
+    /// Backspin and sidespin of a ball that is seen from the side, rad/s; by default any spin of the configuration.
+    pub golf_spin: Option<[[f64; 2]; 2]>,
+}
+
+impl StrobeConfig {
+    /// Flashes at these times, s; images that touch up to those that share 60 % of their diameter.
+    pub fn new(times_s: Vec<f64>) -> Self {
+        Self {
+            times_s,
+            overlap: [0.0, 0.6],
+            golf_spin: None,
+        }
+    }
+
+    /// The same with golf's spins: 1 500 to 12 000 rpm of backspin, up to 3 000 rpm of sidespin to either side.
+    #[must_use]
+    pub fn with_golf_spin(self) -> Self {
+        let rad_s = |rpm: f64| rpm * std::f64::consts::TAU / 60.0;
+        Self {
+            golf_spin: Some([
+                [rad_s(1_500.0), rad_s(12_000.0)],
+                [rad_s(-3_000.0), rad_s(3_000.0)],
+            ]),
+            ..self
+        }
+    }
+
+    /// Checks the domains.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] naming the parameter.
+    pub fn check(&self) -> Result<()> {
+        let times = &self.times_s;
+        require(
+            (2..=MAX_FLASHES).contains(&times.len())
+                && times.iter().all(|t| t.is_finite())
+                && times.windows(2).all(|w| w[1] - w[0] >= 1e-6),
+            "strobe_ms",
+            "2 to 12 times, each at least 0.001 ms after the one before",
+            format_args!("{times:?} s"),
+        )?;
+        let [low, high] = self.overlap;
+        require(
+            -20.0 <= low && low <= high && high <= 0.9,
+            "overlap",
+            "-20 to 0.9, the smaller first",
+            format_args!("{low},{high}"),
+        )
+    }
+}
+
+impl Scene {
+    /// A random exposure of one flying ball with several flashes.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] where a configuration is out of its domain.
+    pub fn strobed<R: Rng + ?Sized>(
+        pattern: &Pattern,
+        config: &SynthConfig,
+        strobe: &StrobeConfig,
+        rng: &mut R,
+    ) -> Result<Self> {
+        strobe.check()?;
+        let mut scene = Self::random(pattern, config, rng)?;
+        let times = &strobe.times_s;
+        let step = times.windows(2).map(|w| w[1] - w[0]);
+        let step_s = step.fold(f64::INFINITY, f64::min);
+        let diameter = 2.0 * scene.circle.radius;
+        let speed = (1.0 - between(strobe.overlap, rng)) * diameter / step_s;
+        let right = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+        let climb = MAX_CLIMB * rng.random_range(-0.3..1.0f64);
+        let velocity = [right * speed * climb.cos(), -speed * climb.sin()];
+        let growth = MAX_GROWTH * rng.random_range(-1.0..1.0);
+        let off = [0, 1].map(|_| 0.1 * diameter * rng.random_range(-1.0..1.0));
+        let distance = log_between(config.camera_distance_radii, rng);
+        let rifle = MAX_RIFLE * rng.random_range(-1.0..1.0);
+        let golf = strobe.golf_spin.map(|spin| spin.map(|s| between(s, rng)));
+        if let Some([back, side]) = golf {
+            // Seen from the side: backspin about the flight's direction x up, sidespin clockwise from above.
+            scene.spin = Vec3::new(right * rifle, -side, right * back);
+        }
+        let span_s = times[times.len() - 1] - times[0];
+        let path = velocity.map(|v| v * span_s);
+        scene.size = config.image_px.unwrap_or_else(|| {
+            path.map(|p| (p.abs() + (1.0 + 2.0 * MARGIN) * diameter).ceil() as usize)
+        });
+        let middle = scene.size.map(|n| 0.5 * (n as f64 - 1.0));
+        let axis = Pixel {
+            u: middle[0],
+            v: middle[1],
+        };
+        if !matches!(scene.camera, Camera::Orthographic) {
+            let on_axis = BallCircle::new(axis, scene.circle.radius);
+            scene.camera = pinhole(&on_axis, distance, 0.0, 0.0);
+        }
+        (scene.background.origin, scene.occluder) = (axis, None);
+        (scene.exposure_s, scene.row_s) = (FLASH_S, 0.0);
+        scene.sensor.gain *= HEADROOM;
+        let (spin, radius, first) = (scene.spin, scene.circle.radius, scene.rotation);
+        let shift_px = velocity.map(|v| v * FLASH_S);
+        let surface = scene.surface.clone();
+        let image = |(flash, time_s): (usize, &f64)| {
+            let late_s = time_s - times[0];
+            let share = late_s / span_s - 0.5;
+            let center = Pixel {
+                u: axis.u + off[0] + share * path[0],
+                v: axis.v + off[1] + share * path[1],
+            };
+            BallImage {
+                of: ImageOf { ball: 0, flash },
+                late_s,
+                surface: surface.clone(),
+                circle: BallCircle::new(center, radius * (1.0 + growth * share)),
+                rotation: Rotation::from_scaled_axis(spin * late_s) * first,
+                spin,
+                shift_px,
+            }
+        };
+        let mut images = times.iter().enumerate().map(image);
+        if let Some(own) = images.next() {
+            (scene.circle, scene.shift_px) = (own.circle, own.shift_px);
+        }
+        scene.others = images.collect();
+        Ok(scene)
+    }
+}
