@@ -3,6 +3,7 @@
 //! Frames are looked at as they come; the clip so far is surveyed ([`survey`]) in a thread of its own, again whenever it has grown by a
 //! quarter, so that the surveys together cost no more than a few times the last one.
 
+use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use super::calibrate;
@@ -20,6 +21,8 @@ use crate::vision::{Estimator, FrameEstimate, Prior};
 /// Frames before the first survey, and by how much the clip grows between two.
 const FIRST: usize = 30;
 const GROWTH: f64 = 1.25;
+/// The longest clip: two minutes at 30 frames a second, some 100 MB.
+pub const MAX_FRAMES: usize = 3600;
 
 /// A clip that grows.
 pub struct LiveClip<D: DotDetector> {
@@ -29,7 +32,7 @@ pub struct LiveClip<D: DotDetector> {
     config: CalibrationConfig,
     expected_dots: Option<usize>,
     frames: Vec<FrameEstimate>,
-    albedos: Vec<Albedo>,
+    albedos: Vec<Arc<Albedo>>,
     times_s: Vec<f64>,
     /// The survey at work.
     at_work: Option<JoinHandle<Result<Survey>>>,
@@ -72,8 +75,12 @@ impl<D: DotDetector> LiveClip<D> {
     /// Takes a frame in, and begins a survey where one is due. Frames without a ball leave nothing.
     ///
     /// # Errors
-    /// A picture that cannot be read.
+    /// A picture that cannot be read; [`Error::Argument`] for more than [`MAX_FRAMES`] frames of a ball.
     pub fn push(&mut self, picture: &Picture, prior: &Prior, time_s: f64) -> Result<()> {
+        let problem = "expected at most 3600 frames that show the ball: begin anew";
+        if self.frames.len() == MAX_FRAMES {
+            return Err(Error::argument("--live", problem));
+        }
         let mut found = FrameEstimate::default();
         let budget = SurfaceObserver::budget();
         let workspace = &mut self.workspace;
@@ -83,7 +90,8 @@ impl<D: DotDetector> LiveClip<D> {
             return Ok(());
         };
         let gray = picture.to_rgb()?.to_gray();
-        self.albedos.push(self.maker.take(&gray, &outline.circle));
+        let albedo = self.maker.take(&gray, &outline.circle);
+        self.albedos.push(Arc::new(albedo));
         self.frames.push(found);
         self.times_s.push(time_s);
         let due = FIRST.max((GROWTH * self.surveyed as f64) as usize);
@@ -91,9 +99,10 @@ impl<D: DotDetector> LiveClip<D> {
             self.surveyed = self.frames.len();
             let (frames, albedos) = (self.frames.clone(), self.albedos.clone());
             let (expected, config) = (self.expected_dots, self.config.clone());
-            self.at_work = Some(std::thread::spawn(move || {
-                survey(&frames, &albedos, expected, &config)
-            }));
+            let work = std::thread::Builder::new()
+                .spawn(move || survey(&frames, &albedos, expected, &config))
+                .map_err(|e| Error::Internal(format!("no thread for a survey: {e}")))?;
+            self.at_work = Some(work);
         }
         Ok(())
     }
@@ -120,7 +129,10 @@ impl<D: DotDetector> LiveClip<D> {
     /// As [`survey`].
     pub fn finish(&mut self) -> Result<Survey> {
         if let Some(work) = self.at_work.take() {
-            join(work)?;
+            let survey = join(work)?;
+            if survey.frames == self.frames.len() {
+                return Ok(survey);
+            }
         }
         survey(
             &self.frames,

@@ -110,12 +110,12 @@ impl Map<'_> {
             .map(|w| w.mark.direction)
             .collect();
         let mut dots: Vec<(KeptDot, Kind)> = Vec::new();
-        let mut hidden = 0.0;
+        let (mut hidden, mut covered) = (0.0, None);
         for seen in &witnessed {
             let kind = typical.kind(seen, &print);
             if kind == Kind::Other && typical.hides(seen.mark) {
                 hidden += 0.25 * seen.mark.radius.powi(2);
-                self.lacking = Some(seen.mark.direction);
+                covered = covered.or(Some(seen.mark.direction));
             }
             let known = seen.joined.map(|j| self.dots[j]);
             let dot = known.unwrap_or_else(|| new_dot(&seen.mark.direction));
@@ -141,6 +141,9 @@ impl Map<'_> {
         if let Some(((dot, _), _)) = dots.iter().find(|d| d.1 == Kind::TurnedAway) {
             self.lacking = Some(dot.direction);
             return Err(UnknownRejection::TurnedAway { dots: away });
+        }
+        if hidden > blind {
+            self.lacking = covered;
         }
         let blind = blind + hidden;
         if blind * of(Kind::Dot).count() as f64 > MAX_HIDDEN {

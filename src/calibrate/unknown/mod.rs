@@ -24,6 +24,8 @@ mod surface;
 mod survey;
 mod tidy;
 
+use std::borrow::Borrow;
+
 use super::config::CalibrationConfig;
 use super::result::{Calibration, DotState};
 use crate::error::Result;
@@ -285,9 +287,9 @@ pub fn build_pattern(
 ///
 /// # Errors
 /// [`crate::Error::Argument`] for settings outside their domains.
-pub fn survey(
+pub fn survey<A: Borrow<Albedo> + Sync>(
     estimates: &[FrameEstimate],
-    albedos: &[Albedo],
+    albedos: &[A],
     expected_dots: Option<usize>,
     config: &CalibrationConfig,
 ) -> Result<Survey> {

@@ -1,7 +1,10 @@
 //! What is dark on the surface of a ball, place by place, by all frames of a clip.
 //!
-//! The frames that the detections placed make the first map ([`AlbedoMap`]); all frames are then laid on it by their pixels, those
-//! that showed too few dots too, and make the next.
+//! The frames that the detections placed make the first map ([`AlbedoMap`]); those that showed too few dots are then laid on it by
+//! their pixels, and all make the next. What detections placed stays: on 8 clips (`bench calibration-unknown --seed 35100001 --plain`)
+//! their poses were within 0.2 to 0.5 deg.
+
+use std::borrow::Borrow;
 
 use super::map::{Map, Placed};
 use crate::concurrency;
@@ -13,7 +16,7 @@ use crate::vision::albedo::map::{AlbedoMap, PosedAlbedo, SHOWN};
 
 /// Maps made one from the other.
 const ROUNDS: usize = 2;
-/// A frame that agrees with the map by less than this part of the middle frame is not placed.
+/// A frame laid on the map that agrees with it by less than this part of the middle frame is not placed.
 const AGREES: f64 = 0.6;
 /// The bare ball about a place: this share of the places so near, radians, is no brighter.
 const BARE: f64 = 0.7;
@@ -48,7 +51,7 @@ pub(super) struct Place {
 
 impl Surface {
     /// By the frames of a map, which it places anew. `albedos` are those of the map's estimates.
-    pub fn new(map: &mut Map<'_>, albedos: &[Albedo]) -> Result<Self> {
+    pub fn new<A: Borrow<Albedo> + Sync>(map: &mut Map<'_>, albedos: &[A]) -> Result<Self> {
         let mut poses: Vec<Option<Rotation>> = (0..map.frames.len())
             .map(|k| Some(map.frames[k].to_view() * map.placed[k].as_ref()?.rotation))
             .collect();
@@ -146,14 +149,14 @@ impl Surface {
 }
 
 /// The frames that are placed.
-fn posed<'a>(
+fn posed<'a, A: Borrow<Albedo>>(
     map: &Map<'_>,
-    albedos: &'a [Albedo],
+    albedos: &'a [A],
     poses: &[Option<Rotation>],
 ) -> Vec<PosedAlbedo<'a>> {
     let posed = map.frames.iter().zip(poses);
     let posed = posed.filter_map(|(seen, pose)| {
-        let albedo = albedos.get(seen.index).filter(|a| !a.is_empty())?;
+        let albedo = albedos.get(seen.index)?.borrow();
         Some(PosedAlbedo {
             albedo,
             view: seen.view(),
@@ -163,11 +166,16 @@ fn posed<'a>(
     posed.collect()
 }
 
-/// Lays every frame on the surface, those that are not placed from their neighbors on.
-fn lay(surface: &AlbedoMap, map: &Map<'_>, albedos: &[Albedo], poses: &mut [Option<Rotation>]) {
+/// Lays the frames that are not placed on the surface, from their neighbors on.
+fn lay<A: Borrow<Albedo> + Sync>(
+    surface: &AlbedoMap,
+    map: &Map<'_>,
+    albedos: &[A],
+    poses: &mut [Option<Rotation>],
+) {
     let frame = |k: usize, rotation: Rotation| {
         let seen = &map.frames[k];
-        let albedo = albedos.get(seen.index).filter(|a| !a.is_empty())?;
+        let albedo = albedos.get(seen.index)?.borrow();
         Some(PosedAlbedo {
             albedo,
             view: seen.view(),

@@ -10,8 +10,9 @@ use crate::vision::albedo::map::SHOWN;
 const TRIED: usize = 16;
 /// Radius of a hole, radians.
 const HOLE: f64 = 0.4;
-/// What is turned away so far, as the cosine of its angle to the camera, is behind the ball.
+/// What is turned away so far, as the cosine of its angle to the camera, is behind the ball; what is turned to it so far, in sight.
 const BEHIND: f64 = -0.75;
+const IN_SIGHT: f64 = 0.2;
 
 /// What a clip shows of a ball without a table.
 #[derive(Debug, Clone, PartialEq)]
@@ -57,7 +58,7 @@ pub struct MissingSide {
     pub now: Side,
 }
 
-/// Where a place lies that does not face the camera, seen from the camera.
+/// Where a place lies that frames do not show well enough, seen from the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
     /// Beyond the left edge of the ball.
@@ -70,12 +71,15 @@ pub enum Side {
     Bottom,
     /// On the far side.
     Behind,
+    /// It faces the camera: something covers it, or it was there too briefly.
+    InSight,
 }
 
 impl Side {
     /// Of a direction in the view frame.
     fn of(direction: &Vec3) -> Self {
         match direction {
+            d if d.z > IN_SIGHT => Self::InSight,
             d if d.z < BEHIND => Self::Behind,
             d if d.x.abs() >= d.y.abs() && d.x < 0.0 => Self::Left,
             d if d.x.abs() >= d.y.abs() => Self::Right,
@@ -84,7 +88,7 @@ impl Side {
         }
     }
 
-    /// In a sentence: where it lies.
+    /// In a sentence: where it is.
     pub fn words(self) -> &'static str {
         match self {
             Self::Left => "beyond the left edge of the ball",
@@ -92,6 +96,7 @@ impl Side {
             Self::Top => "beyond the upper edge of the ball",
             Self::Bottom => "beyond the lower edge of the ball",
             Self::Behind => "on the far side of the ball",
+            Self::InSight => "in sight, but covered or shown too briefly",
         }
     }
 }

@@ -36,9 +36,14 @@ pub(super) fn read(arguments: &Arguments, config: &CalibrationConfig) -> Result<
     let stop = crate::cli::interrupt::stop_on_interrupt(answer)?;
     let mut clip = LiveClip::new(arguments.stand_in(config)?, arguments.dots, config.clone());
     let mut frame = Frame::default();
-    while !stop.load(Ordering::Relaxed)
-        && let Some(time_s) = pipe.next_frame(&mut frame)?
-    {
+    while !stop.load(Ordering::Relaxed) {
+        let time_s = match pipe.next_frame(&mut frame) {
+            Ok(Some(time_s)) => time_s,
+            Ok(None) => break,
+            // Ctrl-C ends the camera's command, too, and cuts its last frame.
+            Err(_) if stop.load(Ordering::Relaxed) => break,
+            Err(problem) => return Err(problem),
+        };
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;
         clip.push(picture, &prior, time_s)?;

@@ -40,8 +40,10 @@ const COMPARED: usize = 8;
 /// Depth from which a place takes part.
 const ALIGNED: f64 = 0.25;
 /// Steps of a fit, and the step, radians, at which it ends.
-const FIT_STEPS: usize = 10;
+const FIT_STEPS: usize = 12;
 const SETTLED: f64 = 1e-4;
+/// The standard deviation of residuals in the first step, at least; half of it in each further one.
+const COARSE: f64 = 0.15;
 /// Residuals beyond so many standard deviations do not count.
 const REACH: f32 = 4.0;
 /// Fewer places in sight lay no frame.
@@ -163,7 +165,7 @@ impl AlbedoMap {
         let mut frame = *frame;
         let mut residuals: Vec<(f32, Vec3, f64)> = Vec::with_capacity(STEEP);
         let mut sorted: Vec<f64> = Vec::with_capacity(STEEP);
-        for _ in 0..FIT_STEPS {
+        for step in 0..FIT_STEPS {
             residuals.clear();
             for (k, turn) in &self.steep {
                 let (depth, seen) = frame.see(&self.directions[*k]);
@@ -180,7 +182,9 @@ impl AlbedoMap {
             }
             sorted.clear();
             sorted.extend(residuals.iter().map(|r| f64::from(r.0.abs())));
-            let sigma = (SIGMA_PER_MAD * median(&mut sorted)).max(1e-3);
+            // Most places are bare: by their noise alone the edges of a frame that is degrees off would all be outliers.
+            let coarse = COARSE * 0.5f64.powi(step as i32);
+            let sigma = (SIGMA_PER_MAD * median(&mut sorted)).max(coarse);
             let turn = solve(&residuals, sigma)?;
             frame.rotation *= Rotation::from_scaled_axis(-turn);
             if turn.norm() < SETTLED {

@@ -98,16 +98,6 @@ impl Albedo {
         Some(interpolate(&self.values, self.side, place)? / BARE)
     }
 
-    /// The circle of the ball.
-    pub fn circle(&self) -> &BallCircle {
-        &self.circle
-    }
-
-    /// Whether there is no ball.
-    pub fn is_empty(&self) -> bool {
-        self.values.is_empty()
-    }
-
     /// Where a value lies in the image.
     fn pixel(&self, column: usize, row: usize) -> Pixel {
         let middle = 0.5 * (self.side as f64 - 1.0);

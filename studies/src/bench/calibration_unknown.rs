@@ -10,12 +10,12 @@
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
-use spindoe::calibrate::{CalibrationConfig, build_pattern, calibrate, confirmed};
+use spindoe::calibrate::{CalibrationConfig, SurfaceObserver, build_pattern, calibrate, confirmed};
 use spindoe::geometry::{angle_between, spiral_directions};
 use spindoe::synth::SynthConfig;
 use spindoe::validate::Proportion;
 use spindoe::vision::albedo::AlbedoMaker;
-use spindoe::vision::{Budget, FrameEstimate, Prior};
+use spindoe::vision::{FrameEstimate, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 use spindoe_studies::Outcome;
 use spindoe_studies::frames::{alone, estimator};
@@ -150,10 +150,7 @@ fn one(looks: &SynthConfig, seed: u64, k: u64, counted: bool) -> Outcome<Judged>
     let maker = AlbedoMaker::default();
     let shown = clip.show(|seen| {
         let mut found = FrameEstimate::default();
-        let budget = Budget {
-            runs: 1,
-            ..Budget::default()
-        };
+        let budget = SurfaceObserver::budget();
         detecting.estimate(
             &seen.image,
             &Prior::default(),
