@@ -15,7 +15,7 @@ use spindoe::synth::several::StrobeConfig;
 use spindoe::synth::{Scene, SynthConfig};
 use spindoe::vision::camera::{BallCircle, Pixel};
 use spindoe::vision::estimator::{
-    BallEstimate, BallsEstimator, Strobe, StrobeHypothesis, number_balls,
+    BallEstimate, BallTracks, BallsEstimator, Pose, Strobe, StrobeHypothesis, number_balls,
 };
 use spindoe::vision::{
     Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
@@ -487,6 +487,15 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
         "{best}"
     );
     assert_eq!(json["frames"][0]["balls"].as_array().unwrap().len(), 3);
+    // 194 rps: without golf's limit there is no spin, and no faster one is given for it.
+    let limited: serde_json::Value =
+        serde_json::from_str(&run(&[&strobed[..], &["--json"]].concat())).unwrap();
+    let limited = &limited["frames"][0]["strobe"]["hypotheses"][0];
+    let refusal = limited["spin_refusal"].as_str();
+    assert!(
+        refusal.is_some_and(|words| words.contains("no spin up to 175 rps")),
+        "{limited}"
+    );
     // The words of golf are of the same axes whatever those of the vectors are.
     let optical: serde_json::Value = serde_json::from_str(&run(&[
         &strobed[..],
@@ -647,4 +656,54 @@ fn several_balls_are_warned_of_their_inputs_as_one_is() {
             );
         }
     }
+}
+
+#[test]
+fn a_pose_by_a_foreign_table_is_taken_back_and_lost_balls_are_forgotten() {
+    let ball = |table: usize, tables: [f64; 2]| {
+        let mut frame = FrameEstimate::default();
+        let center = Pixel { u: 80.0, v: 60.0 };
+        frame.circle = Some(BallCircle::new(center, 20.0));
+        frame.outcome = Ok(Pose {
+            rotation: Rotation::identity(),
+            covariance: nalgebra::Matrix3::identity() * 1e-4,
+            dots_confidence: 0.99,
+            confidence: 0.99,
+            residual_rad: 0.01,
+            residual_px: 0.3,
+            distance: None,
+            hinted: false,
+        });
+        BallEstimate {
+            frame,
+            table,
+            tables: tables.into(),
+        }
+    };
+    let mut tracks = BallTracks::new(SpinConfig::default());
+    let mut time_s = 0.0;
+    let mut next = |tracks: &mut BallTracks, balls: &mut [BallEstimate]| {
+        time_s += 0.01;
+        let numbers = tracks.update(time_s, balls);
+        tracks.reject_foreign(balls, &numbers);
+        numbers
+    };
+    for _ in 0..5 {
+        let mut own = [ball(0, [0.99, 0.01])];
+        assert_eq!(next(&mut tracks, &mut own), [Some(0)]);
+        assert!(own[0].frame.pose().is_some());
+    }
+    let mut foreign = [ball(1, [0.4, 0.6])];
+    assert_eq!(next(&mut tracks, &mut foreign), [Some(0)]);
+    assert!(foreign[0].frame.pose().is_none());
+    assert!(
+        tracks
+            .table(0)
+            .is_some_and(|(table, p)| table == 0 && p > 0.999)
+    );
+    for _ in 0..100 {
+        next(&mut tracks, &mut []);
+    }
+    assert_eq!((tracks.table(0), tracks.count()), (None, 1));
+    assert_eq!(next(&mut tracks, &mut [ball(0, [0.99, 0.01])]), [Some(1)]);
 }

@@ -294,8 +294,7 @@ impl Strobe {
                         let pair = [several[a], several[b]];
                         let fit =
                             fit_pair(&pair, &[covariances[a], covariances[b]], self.spin.max_rps);
-                        let ln = disagreeing(agreeing(&fit), several.len());
-                        (fit, ln)
+                        (fit, disagreeing(2, several.len()))
                     }
                 }
             }
