@@ -45,7 +45,7 @@ class StrobeHypothesis:
     missed: tuple[int, ...]
     """Flashes without an image."""
     flight: Flight
-    """The direction nearest to its motion."""
+    """The direction of flight: as given, else the one nearest to that motion."""
     velocity_px_s: tuple[float, float]
     """Velocity of the ball's center in the picture, pixels a second (u, v)."""
     spin_rad_s: Floats | Rejection
@@ -113,11 +113,12 @@ class Balls:
         color: Color | None = None,
         max_rps: float = 250.0,
     ) -> StrobeEstimate:
-        """The images of one ball in an exposure with flashes at these times, seconds; its spin follows from them alone.
+        """The images of one ball in an exposure with flashes at these times, seconds; its spin follows from them alone. There is
+        one table.
 
         Args:
             image: The exposure.
-            times_s: Times of the flashes, ascending.
+            times_s: Times of the flashes, ascending: 2 to 8 within a second.
             flight: The direction of flight; where it is not given and the images leave it open, both are hypotheses.
             color: As in `Estimator.estimate`.
             max_rps: Largest spin considered, revolutions per second.

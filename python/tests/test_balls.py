@@ -28,6 +28,11 @@ def test_the_spin_of_an_exposure(command, tmp_path):
         np.testing.assert_allclose(a.spin_rad_s, b["spin"]["spin_rad_s"], rtol=1e-9)
     with pytest.raises(ValueError, match="strobe"):
         balls.estimate_strobe(image, [0.0, 0.0])
+    with pytest.raises(ValueError, match="strobe"):
+        balls.estimate_strobe(image, [0.0, 1.5])
+    two = spindoe.Balls([*balls.estimators, *balls.estimators])
+    with pytest.raises(ValueError, match="table"):
+        two.estimate_strobe(image, [0.0, 1e-3])
     with pytest.raises(ValueError, match="flight"):
         balls.estimate_strobe(image, [0.0, 1e-3], flight="sideways")  # type: ignore[arg-type]
 

@@ -26,9 +26,6 @@ use nalgebra::Matrix3;
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 
-/// Diameter of a golf ball, meters: at least 42.67 mm by the rules (R&A and USGA, Equipment Rules, part 4).
-pub const GOLF_DIAMETER_M: f64 = 0.042_67;
-
 /// The direction of a flight in the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]

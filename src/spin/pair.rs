@@ -8,8 +8,8 @@
 //! J^-1 (C2 + R C1 R^T) J^-T / T^2,   R = R2 R1^-1
 //! ```
 //!
-//! Guaranteed: all spins up to the limit that explain the orientations are listed. Not guaranteed: that an orientation is right; nothing
-//! checks it.
+//! Guaranteed: all spins up to the limit that explain the orientations are listed, and none beyond it. Not guaranteed: that an
+//! orientation is right; nothing checks it.
 
 use std::f64::consts::TAU;
 
@@ -17,14 +17,15 @@ use nalgebra::Matrix3;
 
 use super::alias::Alternative;
 use super::motion::ConstantSpin;
-use super::{Fit, Measurement, SpinRejection, check};
+use super::{Fit, MAX_TURNS, Measurement, SpinRejection, check};
 use crate::geometry::Vec3;
 
 /// The slowest spin that leads from one orientation to the other, and the faster ones up to `max_rps`, slower first. `covariances` are
 /// those of the orientations, rad^2, in the same frame.
 ///
 /// # Errors
-/// A [`SpinRejection`] where the times do not increase or the measurements are out of their domain.
+/// A [`SpinRejection`] where the times do not increase or the measurements are out of their domain, where even the slowest spin is
+/// beyond `max_rps`, and where more than [`MAX_TURNS`] turns are open between the two.
 pub fn fit_pair(
     pair: &[Measurement; 2],
     covariances: &[Matrix3<f64>; 2],
@@ -33,12 +34,27 @@ pub fn fit_pair(
     check(pair, 2)?;
     let [first, second] = pair;
     let interval_s = second.time_s - first.time_s;
+    let turns = 2.0 * interval_s * max_rps;
+    if turns.is_nan() || turns > MAX_TURNS as f64 {
+        return Err(SpinRejection::Sparse {
+            interval_s,
+            turns,
+            max_rps,
+        });
+    }
     let relative = second.orientation * first.orientation.inverse();
     let turn = relative.scaled_axis();
+    let spin = turn / interval_s;
+    if spin.norm() > TAU * max_rps {
+        return Err(SpinRejection::NoConsensus {
+            agreeing: 1,
+            frames: 2,
+            max_rps,
+        });
+    }
     let matrix = *relative.to_rotation_matrix().matrix();
     let both = covariances[1] + matrix * covariances[0] * matrix.transpose();
     let back = inverse_left_jacobian(&turn);
-    let spin = turn / interval_s;
     let fit = Fit {
         motion: ConstantSpin {
             time_s: first.time_s,
@@ -128,6 +144,30 @@ mod tests {
         assert_eq!(listed.len(), 2);
         for (a, b) in listed.iter().zip(expected) {
             assert!((a - b).abs() < 1e-6, "{listed:?}");
+        }
+    }
+
+    #[test]
+    fn no_spin_beyond_the_limit_is_an_answer() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
+        // 0.36 turns in 0.9 ms: 400 rps.
+        let pair = noisy(&mut rng, 0.0, &Vec3::new(0.0, TAU * 400.0, 0.0));
+        let fit = |pair: &[Measurement; 2], limit| fit_pair(pair, &[Matrix3::zeros(); 2], limit);
+        assert!(fit(&pair, 401.0).is_ok());
+        let beyond = fit(&pair, 399.0);
+        assert!(
+            matches!(beyond, Err(SpinRejection::NoConsensus { agreeing: 1, .. })),
+            "{beyond:?}"
+        );
+        // A second leaves 250 turns to either side open.
+        let mut far = pair;
+        far[1].time_s = 1.0;
+        for limit in [250.0, f64::INFINITY, f64::NAN] {
+            let open = fit(&far, limit);
+            assert!(
+                matches!(open, Err(SpinRejection::Sparse { .. })),
+                "{open:?}"
+            );
         }
     }
 }

@@ -14,9 +14,10 @@ use crate::error::{Result, require};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::Pattern;
 use crate::vision::camera::{BallCircle, Camera, Pixel};
+use crate::vision::estimator::check_flashes;
 
-/// Maximum number of flashes of an exposure.
-pub const MAX_FLASHES: usize = 12;
+/// Maximum columns and rows of a picture: as of [`SynthConfig::image_px`].
+const MAX_SIDE: usize = 8192;
 /// Duration of a flash, s: infrared diodes are pulsed for ten to thirty microseconds.
 const FLASH_S: f64 = 2e-5;
 /// Images of a ball add up: the sensor is exposed for that.
@@ -123,15 +124,7 @@ impl StrobeConfig {
     /// # Errors
     /// [`crate::Error::Argument`] naming the parameter.
     pub fn check(&self) -> Result<()> {
-        let times = &self.times_s;
-        require(
-            (2..=MAX_FLASHES).contains(&times.len())
-                && times.iter().all(|t| t.is_finite())
-                && times.windows(2).all(|w| w[1] - w[0] >= 1e-6),
-            "strobe_ms",
-            "2 to 12 times, each at least 0.001 ms after the one before",
-            format_args!("{times:?} s"),
-        )?;
+        check_flashes(&self.times_s)?;
         let [low, high] = self.overlap;
         require(
             -20.0 <= low && low <= high && high <= 0.9,
@@ -177,6 +170,13 @@ impl Scene {
         scene.size = config.image_px.unwrap_or_else(|| {
             path.map(|p| (p.abs() + (1.0 + 2.0 * MARGIN) * diameter).ceil() as usize)
         });
+        let [width, height] = scene.size;
+        require(
+            width.max(height) <= MAX_SIDE,
+            "strobe_ms",
+            "times over which the ball stays within 8192 columns and rows",
+            format_args!("a picture of {width} x {height}"),
+        )?;
         let middle = scene.size.map(|n| 0.5 * (n as f64 - 1.0));
         let axis = Pixel {
             u: middle[0],

@@ -7,8 +7,8 @@ use std::str::FromStr;
 
 use serde_json::json;
 
-use super::{Arguments, follow};
-use crate::cli::images::read_balls;
+use super::{Arguments, follow, inputs};
+use crate::cli::images::{order_warning, read_balls};
 use crate::cli::output::Counter;
 use crate::error::{Error, Result};
 use crate::files;
@@ -17,7 +17,7 @@ use crate::vision::NamedDetector;
 use crate::vision::estimator::{
     BallTracks, BallsEstimator, Budget, CameraDistance, CameraModel, Strobe, estimate_ball_inputs,
 };
-use report::{Report, ball_json, strobe_json};
+use report::{Report, ball_json, sort_from_left, strobe_json, strobe_numbers};
 
 /// The fastest golf spin that is considered: 15 000 rpm.
 pub(super) const GOLF_RPS: f64 = 250.0;
@@ -68,9 +68,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let file = file.transpose()?;
     let counter = Counter::new(0, "frames");
     let shown = |done| counter.set(done as u64);
-    let inputs = &arguments.images;
-    let mut batch = estimate_ball_inputs(&estimator, inputs, &config, strobe.as_ref(), shown)?;
+    let images = &arguments.images;
+    let mut batch = estimate_ball_inputs(&estimator, images, &config, strobe.as_ref(), shown)?;
     counter.finish();
+    if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.frame.name.as_str())) {
+        errln!("spindoe: {warning}");
+    }
+    if batch.is_disordered() && strobe.is_none() && !arguments.no_sequence {
+        inputs::say_not_increasing();
+    }
     let report = Report::new(arguments, &mut batch, strobe.as_ref())?;
     let text = report.to_csv();
     if let (Some(mut file), Some(path)) = (file, &arguments.output) {
@@ -126,19 +132,29 @@ fn follow_balls(
     let mut ws = estimator.workspace()?;
     follow::each_frame(arguments, |image, number, time_s, arrived| {
         let budget = max_latency.map_or_else(Budget::default, Budget::within);
-        let balls = match strobe {
-            Some(strobe) => estimator.estimate_strobed(image, region, strobe, &budget, &mut ws),
+        let mut balls = match strobe {
+            Some(strobe) => estimator.estimate_strobed(image, region, strobe, &budget, &mut ws)?,
             None => {
                 let expected = tracks.expected(time_s);
                 estimator.estimate(image, region, &expected, &budget, &mut ws)
             }
         };
-        let is_identified = balls.iter().any(|b| b.frame.pose().is_some());
         let mut line = json!({ "frame": number, "time_s": time_s });
-        let numbers: Vec<Option<usize>> = match strobe {
-            None => tracks.update(time_s, &balls),
-            Some(_) => (0..balls.len()).map(Some).collect(),
+        let numbers = match strobe {
+            None => {
+                let numbers = tracks.update(time_s, &balls);
+                tracks.reject_foreign(&mut balls, &numbers);
+                numbers
+            }
+            Some(strobe) => {
+                sort_from_left(&mut balls);
+                let found = strobe.read(&balls, shown_in);
+                let numbers = strobe_numbers(&balls, &found);
+                line["strobe"] = strobe_json(arguments, strobe, shown_in, &found, &numbers);
+                numbers
+            }
         };
+        let is_identified = balls.iter().any(|b| b.frame.pose().is_some());
         let mut numbered: Vec<_> = numbers.into_iter().zip(&balls).collect();
         numbered.sort_by_key(|(number, _)| *number);
         let shown = numbered.iter().map(|(number, ball)| {
@@ -150,10 +166,6 @@ fn follow_balls(
             json
         });
         line["balls"] = shown.collect();
-        if let Some(strobe) = strobe {
-            let found = strobe.read(&balls, shown_in);
-            line["strobe"] = strobe_json(arguments, strobe, shown_in, &found);
-        }
         line["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
         Ok((is_identified, line))
     })

@@ -2,6 +2,7 @@
 
 mod balls;
 mod follow;
+mod inputs;
 mod output;
 #[cfg(feature = "plot")]
 mod overlay;
@@ -316,9 +317,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         *chosen = calibrate_in_place(arguments, chosen, &config, &pictures, &mut batch)?;
     }
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
-        errln!(
-            "spindoe: the times do not increase from frame to frame: every frame is estimated independently"
-        );
+        inputs::say_not_increasing();
     }
     #[cfg(feature = "plot")]
     if let Some(target) = overlay {

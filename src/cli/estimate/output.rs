@@ -6,13 +6,12 @@ use nalgebra::Matrix3;
 use serde_json::{Value, json};
 
 use super::verdict::Judgment;
-use super::{Arguments, Picture};
+use super::{Arguments, Picture, inputs};
 use crate::cli::motion::Motion;
 use crate::cli::spin::LISTED_BEYOND;
 use crate::cli::spin_summary;
 use crate::files::csv::shown;
 use crate::geometry::{CameraFrame, to_wxyz};
-use crate::source::video::VideoClock;
 use crate::spin::SpinRejection;
 use crate::spin::alias::{AliasConfig, SpinEvidence, Together};
 #[cfg(feature = "plot")]
@@ -23,12 +22,9 @@ use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::vision::estimator::{
     Batch, BatchFrame, NamedFrame, OutlineSource, SequenceOutcome, SequenceRows, SequenceSmears,
-    TimeSource, orientations, turned_covariance,
+    orientations, turned_covariance,
 };
 use crate::vision::{FrameEstimate, NamedDetector, OffCenter};
-
-/// Skipped files that are named.
-const MAX_NAMED: usize = 5;
 
 /// Fields of view along the longer side for which a cost is named, degrees: that of a 25 mm lens before a sensor of half an inch,
 /// and that of a phone.
@@ -220,7 +216,7 @@ impl<'a> Report<'a> {
             "frames": frames,
             "identified": self.batch.identified(),
             "times": self.batch.times,
-            "times_words": self.times_words(),
+            "times_words": inputs::times_words(&self.batch.times, self.batch.frames.len()),
             "verdict": self.judgment.to_json(),
             "skipped": self.batch.skipped.iter().map(|s| json!({
                 "folder": s.folder, "files": s.names,
@@ -263,38 +259,6 @@ impl<'a> Report<'a> {
             self.batch.frames.len(),
             shown(&first.name),
         ))
-    }
-
-    /// Where the times came from, and what is to be done where they are missing or doubtful.
-    fn times_words(&self) -> Option<String> {
-        let count = self.batch.frames.len();
-        let times = self.batch.times;
-        let words = match times {
-            TimeSource::None => {
-                return (count > 1)
-                    .then(|| "no times, so no spin: --fps or --times gives them".to_owned());
-            }
-            TimeSource::Partial { timed } => format!(
-                "{timed} of {count} names are times in nanoseconds, so no spin: --fps or --times gives all"
-            ),
-            TimeSource::FrameNumbers { step_s } => {
-                // What the rate is if a step of 50 or more is a number of microseconds.
-                let guess = match 1e9 * step_s >= 50.0 {
-                    true => format!(" ({:.2} if they are microseconds)", 1e-3 / step_s),
-                    false => String::new(),
-                };
-                format!("{}, so no spin: give --fps{guess}", times.problem()?)
-            }
-            TimeSource::SameNumber => format!("{}, so no spin: give --fps", times.problem()?),
-            TimeSource::Names { fps } => {
-                let fps = fps?;
-                format!("from the names, in nanoseconds: {fps:.2} fps on average")
-            }
-            TimeSource::Rate { fps } => format!("{fps} fps as given by --fps"),
-            TimeSource::Table => "from the table".into(),
-            TimeSource::Video(clock) => video_words(&clock),
-        };
-        Some(words)
     }
 
     /// What smears have to say of the spin, where an exposure is given.
@@ -398,27 +362,8 @@ impl<'a> Report<'a> {
 
     /// Summarizes the outcome of the frames on standard error.
     pub fn say(&self) {
-        for skipped in &self.batch.skipped {
-            let folder = skipped.folder.display();
-            let (count, names) = (skipped.names.len(), &skipped.names);
-            let listed = names
-                .iter()
-                .take(MAX_NAMED)
-                .map(|n| shown(n))
-                .collect::<Vec<_>>();
-            let more = if count > MAX_NAMED { ", ..." } else { "" };
-            errln!(
-                "{folder}: {count} files are no images and are skipped: {}{more}",
-                listed.join(", ")
-            );
-        }
-        for (path, why) in &self.batch.cut_short {
-            errln!(
-                "{}: damaged, what can be read is used: {}",
-                path.display(),
-                shown(why)
-            );
-        }
+        inputs::say_skipped(&self.batch.skipped);
+        inputs::say_cut_short(&self.batch.cut_short);
         if let Some(words) = self.size_words() {
             errln!("{words}");
         }
@@ -443,7 +388,7 @@ impl<'a> Report<'a> {
         {
             errln!("{} of them independently", summary.alone);
         }
-        if let Some(words) = self.times_words() {
+        if let Some(words) = inputs::times_words(&self.batch.times, self.batch.frames.len()) {
             errln!("times: {words}");
         }
         if let Some(words) = self.off_center_words() {
@@ -487,21 +432,6 @@ fn usual_size(sizes: &[[usize; 2]]) -> Option<[usize; 2]> {
     let (usual, count) = counts.into_iter().max_by_key(|(_, count)| *count)?;
     let is_usual = count > 1 && sizes.len() - count <= (sizes.len() / 10).max(1);
     is_usual.then_some(usual)
-}
-
-/// The rate of a video, and what the file leaves open.
-fn video_words(clock: &VideoClock) -> String {
-    let stored = clock.stored_fps;
-    let rate = match clock.is_variable {
-        true => format!("{stored:.2} fps on average, each frame at its own time stamp"),
-        false => format!("{stored:.2} fps"),
-    };
-    match clock.capture_fps {
-        Some(capture) => format!(
-            "slow motion: taken at {capture:.2} fps as the file says, stored at {rate} (--fps overrides)"
-        ),
-        None => format!("{rate} as the file says; phone slow motion? give --fps"),
-    }
 }
 
 fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {

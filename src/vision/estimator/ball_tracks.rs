@@ -64,8 +64,6 @@ pub struct BallTracks {
     tracks: Vec<Track>,
     next: usize,
     fitter: RobustEstimator,
-    /// Tables of all tracks there were, by number.
-    tables: Vec<Vec<f64>>,
 }
 
 impl BallTracks {
@@ -75,7 +73,6 @@ impl BallTracks {
             tracks: Vec::new(),
             next: 0,
             fitter: RobustEstimator::new(spin),
-            tables: Vec::new(),
         }
     }
 
@@ -106,18 +103,24 @@ impl BallTracks {
         numbers
     }
 
-    /// The table of a numbered ball by all frames that showed it, with its probability.
+    /// The table of a numbered ball by all frames that showed it, with its probability; none of a ball that is forgotten.
     pub fn table(&self, number: usize) -> Option<(usize, f64)> {
-        let ln = self.tables.get(number)?;
+        let ln = &self.tracks.iter().find(|t| t.number == number)?.ln_tables;
         let most = ln.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let sum: f64 = ln.iter().map(|l| (l - most).exp()).sum();
         let best = ln.iter().position(|l| *l == most)?;
         Some((best, 1.0 / sum))
     }
 
-    /// Whether a ball may have one of several tables.
-    fn has_several(&self) -> bool {
-        self.tables.iter().any(|t| t.len() > 1)
+    /// Takes back the poses of the last frame's balls that are by another table than all frames of their ball speak for; `numbers`
+    /// are those of [`BallTracks::update`].
+    pub fn reject_foreign(&self, balls: &mut [BallEstimate], numbers: &[Option<usize>]) {
+        for (ball, number) in balls.iter_mut().zip(numbers) {
+            let table = number.and_then(|n| self.table(n));
+            if table.is_some_and(|(table, _)| table != ball.table) {
+                ball.frame.reject_pose();
+            }
+        }
     }
 
     /// How many balls were numbered so far.
@@ -154,7 +157,6 @@ impl BallTracks {
             ln_tables: vec![0.0; ball.tables.len()],
             poses: VecDeque::with_capacity(POSES + 1),
         });
-        self.tables.push(Vec::new());
         self.next += 1;
         self.tracks.len() - 1
     }
@@ -169,7 +171,6 @@ impl BallTracks {
                 *sum += p.ln().max(LEAST_LN);
             }
         }
-        self.tables[track.number].clone_from(&track.ln_tables);
         if let Some(pose) = ball.frame.pose().filter(|p| !p.hinted) {
             if track.poses.len() == POSES {
                 track.poses.pop_front();
@@ -288,12 +289,19 @@ pub fn number_balls(
     frames: &mut [Vec<BallEstimate>],
 ) -> NumberedBalls {
     let mut tracks = BallTracks::new(spin);
+    let mut tables: Vec<(usize, f64)> = Vec::new();
     let timed = times_s.iter().zip(frames.iter());
     let numbers: Vec<Vec<Option<usize>>> = timed
-        .map(|(time_s, balls)| tracks.update(*time_s, balls))
+        .map(|(time_s, balls)| {
+            let numbers = tracks.update(*time_s, balls);
+            // A track that is lost is forgotten: what was known of its table is kept here.
+            tables.resize(tracks.count(), (0, 1.0));
+            for number in numbers.iter().flatten() {
+                tables[*number] = tracks.table(*number).unwrap_or((0, 1.0));
+            }
+            numbers
+        })
         .collect();
-    let table = |number| tracks.table(number).unwrap_or((0, 1.0));
-    let tables: Vec<(usize, f64)> = (0..tracks.count()).map(table).collect();
     let mut posed = vec![0; tracks.count()];
     let all = frames.iter().flatten().zip(numbers.iter().flatten());
     for (_, number) in all.filter(|(ball, _)| ball.frame.pose().is_some()) {
@@ -301,7 +309,8 @@ pub fn number_balls(
             posed[*number] += 1;
         }
     }
-    let is_long = frames.len() >= LONG && tracks.has_several();
+    let has_several = frames.iter().flatten().any(|b| b.tables.len() > 1);
+    let is_long = frames.len() >= LONG && has_several;
     for (balls, numbers) in frames.iter_mut().zip(&numbers) {
         for (ball, number) in balls.iter_mut().zip(numbers) {
             let is_foreign = |n: usize| tables[n].0 != ball.table || (is_long && posed[n] < 2);

@@ -175,6 +175,9 @@ impl<D: DotDetector> BallsEstimator<D> {
     }
 
     /// Estimates all images of one ball in an exposure with several flashes: where one is missing, it is looked for where the others lead.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] with several tables: the images are of one ball.
     pub fn estimate_strobed<'a>(
         &self,
         image: impl Into<ImageView<'a>>,
@@ -182,7 +185,10 @@ impl<D: DotDetector> BallsEstimator<D> {
         strobe: &Strobe,
         budget: &Budget,
         ws: &mut BallsWorkspace<'_, D>,
-    ) -> Vec<BallEstimate> {
+    ) -> Result<Vec<BallEstimate>> {
+        let tables = self.estimators.len();
+        let expected = "one with several flashes, whose images are of one ball";
+        require(tables == 1, "table", expected, tables)?;
         let image = image.into();
         let balls = self.estimate(image, region, &[], budget, ws);
         let expected = strobe.expected(&balls);
@@ -193,7 +199,7 @@ impl<D: DotDetector> BallsEstimator<D> {
             limit: self.count.unwrap_or(MAX_BALLS),
         };
         self.look_at(image, &expected, budget, &mut found, ws);
-        found.all()
+        Ok(found.all())
     }
 
     /// Looks for balls where they are expected and none is known.
@@ -226,6 +232,9 @@ impl<D: DotDetector> BallsEstimator<D> {
         ws: &mut BallsWorkspace<'_, D>,
     ) {
         for ball in found.rejected.clone() {
+            if found.is_full() {
+                break;
+            }
             let Some(circle) = ball.frame.outline.map(|o| o.circle) else {
                 continue;
             };

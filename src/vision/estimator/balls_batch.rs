@@ -12,7 +12,7 @@ use super::{
 };
 use crate::concurrency;
 use crate::error::{Error, Result};
-use crate::source::files::{self, SkippedFiles};
+use crate::source::files::{self, SkippedFiles, Source};
 use crate::source::{Frame, FrameSource};
 use crate::vision::detect::DotDetector;
 
@@ -37,9 +37,17 @@ pub struct BallsBatch {
     pub times: TimeSource,
     /// Files of the folders that are no images.
     pub skipped: Vec<SkippedFiles>,
+    /// Videos of which only a part can be read, with the reason.
+    pub cut_short: Vec<(PathBuf, String)>,
 }
 
 impl BallsBatch {
+    /// Whether all of several frames have a time, but these do not increase.
+    pub fn is_disordered(&self) -> bool {
+        let all_timed = self.frames.iter().all(|f| f.frame.time_s.is_some());
+        self.frames.len() > 1 && all_timed && self.times_s().is_none()
+    }
+
     /// The times of the frames, seconds, where all have one and they increase.
     pub fn times_s(&self) -> Option<Vec<f64>> {
         let times: Option<Vec<f64>> = self.frames.iter().map(|f| f.frame.time_s).collect();
@@ -61,6 +69,7 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync>(
 ) -> Result<BallsBatch> {
     let listed = files::list_sources(inputs)?;
     let (mut frames, mut clock, mut first_error) = (Vec::new(), None, None);
+    let mut cut_short = Vec::new();
     let at_once = CHUNK * concurrency::threads();
     for source in &listed.sources {
         let mut open = files::open(source, config.max_pixels)?;
@@ -92,6 +101,9 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync>(
             }
         }
         let end = open.end();
+        if let (Source::Video(path), Some(why)) = (source, &end.cut_short) {
+            cut_short.push((path.clone(), why.clone()));
+        }
         let scale = end.clock.map_or(1.0, |clock| clock.time_scale());
         let timed = frames[begun..].iter_mut();
         for time_s in timed.filter_map(|f: &mut BallsFrame| f.frame.time_s.as_mut()) {
@@ -113,6 +125,7 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync>(
             .collect(),
         times,
         skipped: listed.skipped,
+        cut_short,
     })
 }
 
@@ -153,7 +166,7 @@ fn work<D: DotDetector>(
         };
         let budget = &config.budget;
         let balls = match strobe {
-            Some(strobe) => estimator.estimate_strobed(image, region, strobe, budget, &mut ws),
+            Some(strobe) => estimator.estimate_strobed(image, region, strobe, budget, &mut ws)?,
             None => estimator.estimate(image, region, &[], budget, &mut ws),
         };
         Ok(BallsFrame { frame: done, balls })

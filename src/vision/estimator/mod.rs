@@ -85,6 +85,7 @@ pub use sequence::{
 };
 pub use sequence_view::SequenceView;
 pub use smears::SequenceSmears;
+pub(crate) use strobe::check_flashes;
 pub use strobe::{Strobe, StrobeHypothesis};
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
 pub use trust::{

@@ -27,13 +27,17 @@ use crate::spin::golf::Flight;
 use crate::spin::orientations::Orientations;
 use crate::spin::pair::fit_pair;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
-use crate::spin::{Fit, MIN_FRAMES, SpinRejection};
+use crate::spin::{Fit, MAX_TURNS, MIN_FRAMES, SpinRejection};
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::is_one_place;
 
-/// Flashes of one exposure, and images that are sorted, at most.
-const MAX_FLASHES: usize = 12;
-const MAX_IMAGES: usize = 8;
+/// Flashes of one exposure, and images that are sorted, at most: an image for each flash.
+const MAX_FLASHES: usize = 8;
+const MAX_IMAGES: usize = MAX_FLASHES;
+/// From the first flash to the last at most, s: a ball that flies has left the picture by then.
+const MAX_SPAN_S: f64 = 1.0;
+/// Paths whose ln of the likelihood is so far below that of the best are left out before spins are fitted.
+const HOPELESS: f64 = 20.0;
 /// Places where a missing image is looked for, at most.
 const MAX_EXPECTED: usize = 6;
 /// Deviation of an image's center from a straight path: pixels, and as a part of the diameter (perspective, outlines that overlap).
@@ -82,18 +86,9 @@ impl Strobe {
     /// Flashes at these times, s; the direction of the flight where it is known.
     ///
     /// # Errors
-    /// [`crate::Error::Argument`] for times that do not ascend or are too many or too few.
+    /// [`crate::Error::Argument`] for times that do not ascend, are too many or too few, or span more than a second.
     pub fn new(times_s: Vec<f64>, flight: Option<Flight>, spin: SpinConfig) -> Result<Self> {
-        let ascend = times_s.windows(2).all(|w| w[1] - w[0] >= 1e-6);
-        let inside = (2..=MAX_FLASHES).contains(&times_s.len())
-            && ascend
-            && times_s.iter().all(|t| t.is_finite());
-        require(
-            inside,
-            "strobe_ms",
-            "2 to 12 times, each at least 0.001 ms after the one before",
-            format_args!("{times_s:?} s"),
-        )?;
+        check_flashes(&times_s)?;
         Ok(Self {
             times_s,
             flight,
@@ -109,32 +104,31 @@ impl Strobe {
     /// The hypotheses for the images of one ball, the likeliest first; none for fewer than two images. Orientations and spins are in
     /// `frame`.
     pub fn read(&self, balls: &[BallEstimate], frame: CameraFrame) -> Vec<StrobeHypothesis> {
-        let images: Vec<Image> = balls.iter().enumerate().filter_map(Image::of).collect();
-        // Those with a pose come first.
-        let images = &images[..images.len().min(MAX_IMAGES)];
-        let mut found: Vec<(f64, StrobeHypothesis)> = Vec::new();
+        let images = images_of(balls);
+        let mut paths: Vec<Path> = Vec::new();
         for subset in 0u32..1 << images.len() {
-            let is_in = |k: &usize| subset >> k & 1 == 1;
             let count = subset.count_ones() as usize;
             if count < 2 || count > self.times_s.len() {
                 continue;
             }
-            let (within, without): (Vec<usize>, Vec<usize>) = (0..images.len()).partition(is_in);
-            let left: f64 = without.iter().map(|k| images[*k].ln_false()).sum();
-            // Cheap and hopeless: an image with a pose is left out only where there are more images than flashes or it is off the path.
-            let within: Vec<Image> = within.iter().map(|k| images[*k]).collect();
-            for (ln_path, path) in self.paths(&within) {
-                let ln_missed = (self.times_s.len() - count) as f64 * MISSED.ln();
-                found.push((left + ln_path + ln_missed, path));
+            let without = (0..images.len()).filter(|k| subset >> k & 1 == 0);
+            let left: f64 = without.map(|k| images[k].ln_false()).sum();
+            let ln_missed = (self.times_s.len() - count) as f64 * MISSED.ln();
+            let begun = paths.len();
+            self.add_paths(&images, subset, &mut paths);
+            for path in &mut paths[begun..] {
+                path.ln = left + path.ln + ln_missed;
             }
         }
         // Spins are fitted where the path leaves hope.
-        let top = found.iter().map(|f| f.0).fold(f64::NEG_INFINITY, f64::max);
-        found.retain(|f| f.0 >= top - 20.0);
-        for (ln, hypothesis) in &mut found {
-            *ln += self.fit(balls, frame, hypothesis);
-        }
-        listed(found)
+        let top = paths.iter().map(|p| p.ln).fold(f64::NEG_INFINITY, f64::max);
+        paths.retain(|p| p.ln >= top - HOPELESS);
+        let weighed = paths.iter().map(|path| {
+            let mut hypothesis = self.hypothesis(&images, path);
+            let ln = path.ln + self.fit(balls, frame, &mut hypothesis);
+            (ln, hypothesis)
+        });
+        listed(weighed.collect())
     }
 
     /// Where images that were not found may be: on the straight paths through those that were, which flashes may have lit.
@@ -144,10 +138,11 @@ impl Strobe {
         if count < 2 || count >= self.times_s.len() {
             return Vec::new();
         }
-        let mut paths = self.paths(&images);
-        paths.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut paths = Vec::new();
+        self.add_paths(&images, (1 << count) - 1, &mut paths);
+        paths.sort_by(|a, b| b.ln.total_cmp(&a.ln));
         let mut circles: Vec<BallCircle> = Vec::new();
-        for (_, path) in &paths {
+        for path in paths.iter().map(|path| self.hypothesis(&images, path)) {
             let lit = path.lit.iter();
             let known = lit.filter_map(|(ball, flash)| {
                 let image = images.iter().find(|i| i.number == *ball)?;
@@ -176,59 +171,70 @@ impl Strobe {
         circles
     }
 
-    /// The flashes that may have lit these images, in both directions or the given one; with ln of their likelihood.
-    fn paths(&self, images: &[Image]) -> Vec<(f64, StrobeHypothesis)> {
-        let axis = long_axis(images);
-        let along = |image: &Image| image.at[0] * axis[0] + image.at[1] * axis[1];
-        let mut ordered = images.to_vec();
-        ordered.sort_by(|a, b| along(a).total_cmp(&along(b)));
-        let mut found = Vec::new();
-        for sign in [1.0, -1.0] {
-            let direction = axis.map(|a| sign * a);
+    /// The paths through the images of a subset (bits) in both directions or the given one, by all flashes that may have lit them.
+    fn add_paths(&self, images: &[Image], subset: u32, paths: &mut Vec<Path>) {
+        let (mut ordered, axis) = along_axis(images, subset);
+        for is_reversed in [false, true] {
+            let direction = axis.map(|a| if is_reversed { -a } else { a });
             let ahead = self.flight.map(|flight| {
                 let way = flight.direction();
                 direction[0] * way.x - direction[1] * way.y
             });
             if ahead.is_none_or(|ahead| ahead > 0.0) {
-                self.lit_in_order(&ordered, &mut found);
+                let path = |(ln, flashes, velocity_px_s)| Path {
+                    ln,
+                    images: subset,
+                    flashes,
+                    is_reversed,
+                    velocity_px_s,
+                };
+                paths.extend(self.lit_in_order(&ordered).map(path));
             }
             ordered.reverse();
         }
-        found
     }
 
-    fn lit_in_order(&self, images: &[Image], found: &mut Vec<(f64, StrobeHypothesis)>) {
-        let (all, count) = (self.times_s.len(), images.len());
-        for flashes in 0u32..1 << all {
-            if flashes.count_ones() as usize != count {
-                continue;
-            }
-            let (lit, missed): (Vec<usize>, Vec<usize>) =
-                (0..all).partition(|k| flashes >> k & 1 == 1);
-            let pairs = lit.iter().zip(images);
-            let timed: Vec<(f64, [f64; 2])> = pairs
-                .clone()
-                .map(|(flash, image)| (self.times_s[*flash], image.at))
-                .collect();
+    /// The flashes (bits) that may have lit images in this order, with ln of the likelihood and the velocity.
+    fn lit_in_order(&self, images: &[Image]) -> impl Iterator<Item = (f64, u32, [f64; 2])> {
+        let count = images.len();
+        let mean = images.iter().map(|i| 2.0 * i.radius).sum::<f64>() / count as f64;
+        let sigma = OFF_PX + OFF_DIAMETERS * mean;
+        let area = ANYWHERE * mean * mean;
+        let ln_beyond = (count as f64 - 2.0) * (TAU * sigma * sigma / area).ln();
+        let mut timed = Vec::with_capacity(count);
+        let all = 0u32..1 << self.times_s.len();
+        let possible = all.filter(move |flashes| flashes.count_ones() as usize == count);
+        possible.map(move |flashes| {
+            let lit = self.times_s.iter().enumerate();
+            let lit = lit.filter(|(k, _)| flashes >> k & 1 == 1);
+            timed.clear();
+            timed.extend(lit.zip(images).map(|((_, t), image)| (*t, image.at)));
             let (velocity_px_s, squares) = straight(&timed);
-            let mean = images.iter().map(|i| 2.0 * i.radius).sum::<f64>() / count as f64;
-            let sigma = OFF_PX + OFF_DIAMETERS * mean;
-            let beyond = count as f64 - 2.0;
-            let area = ANYWHERE * mean * mean;
-            let ln = -0.5 * squares / (sigma * sigma) - beyond * (TAU * sigma * sigma / area).ln();
-            let hypothesis = StrobeHypothesis {
-                probability: 0.0,
-                lit: pairs.map(|(flash, image)| (image.number, *flash)).collect(),
-                missed,
-                velocity_px_s,
-                flight: self.flight.unwrap_or(Flight::of_motion(velocity_px_s)),
-                orientations: Orientations::default(),
-                spin: Err(SpinRejection::TooFewFrames {
-                    found: 0,
-                    needed: 2,
-                }),
-            };
-            found.push((ln, hypothesis));
+            let ln = -0.5 * squares / (sigma * sigma) - ln_beyond;
+            (ln, flashes, velocity_px_s)
+        })
+    }
+
+    /// A path as a hypothesis whose spin is not fitted yet.
+    fn hypothesis(&self, images: &[Image], path: &Path) -> StrobeHypothesis {
+        let (mut ordered, _) = along_axis(images, path.images);
+        if path.is_reversed {
+            ordered.reverse();
+        }
+        let (lit, missed): (Vec<usize>, Vec<usize>) =
+            (0..self.times_s.len()).partition(|k| path.flashes >> k & 1 == 1);
+        let pairs = lit.into_iter().zip(&ordered);
+        StrobeHypothesis {
+            probability: 0.0,
+            lit: pairs.map(|(flash, image)| (image.number, flash)).collect(),
+            missed,
+            velocity_px_s: path.velocity_px_s,
+            flight: self.flight.unwrap_or(Flight::of_motion(path.velocity_px_s)),
+            orientations: Orientations::default(),
+            spin: Err(SpinRejection::TooFewFrames {
+                found: 0,
+                needed: 2,
+            }),
         }
     }
 
@@ -259,10 +265,15 @@ impl Strobe {
             })
             .collect();
         let peak = -1.5 * (TAU * config.sigma_rad.powi(2)).ln();
+        // Of orientations that do not agree all but so many may be wrong.
+        let disagreeing = |right: usize, all: usize| {
+            right as f64 * peak + (all - right) as f64 * (LN_UNIFORM + WRONG_POSE.ln())
+        };
         let (spin, ln) = match (&measurements[..], &covariances[..]) {
             ([a, b], [c, d]) => {
                 let fit = fit_pair(&[*a, *b], &[*c, *d], self.spin.max_rps);
-                (fit, 2.0 * peak)
+                let ln = disagreeing(agreeing(&fit), 2);
+                (fit, ln)
             }
             (several, covariances) if several.len() >= MIN_FRAMES => {
                 match RobustEstimator::new(config).fit(several) {
@@ -273,17 +284,17 @@ impl Strobe {
                             ..AliasConfig::default()
                         };
                         let ln = fit.log_likelihood.unwrap_or_default();
-                        let others = alternatives(several, &fit, &listed);
+                        let mut others = alternatives(several, &fit, &listed);
+                        others.truncate(MAX_TURNS);
                         (Ok((fit, others)), ln)
                     }
-                    // Of orientations that do not agree all but the two that are known best may be wrong.
+                    // The two that are known best are then the likeliest to be right.
                     Err(_) => {
                         let [a, b] = best_known(covariances);
                         let pair = [several[a], several[b]];
                         let fit =
                             fit_pair(&pair, &[covariances[a], covariances[b]], self.spin.max_rps);
-                        let wrong = several.len() as f64 - 2.0;
-                        (fit, 2.0 * peak + wrong * (LN_UNIFORM + WRONG_POSE.ln()))
+                        (fit, disagreeing(2, several.len()))
                     }
                 }
             }
@@ -298,6 +309,68 @@ impl Strobe {
         (hypothesis.spin, hypothesis.orientations) = (spin, file);
         ln
     }
+}
+
+/// A spin with the others that the flashes cannot tell apart, or why there is none.
+type FittedSpin = std::result::Result<(Fit, Vec<Alternative>), SpinRejection>;
+
+/// How many orientations of a pair may be right: both, unless no spin up to the limit leads from one to the other.
+fn agreeing(fit: &FittedSpin) -> usize {
+    match fit {
+        Err(SpinRejection::NoConsensus { agreeing, .. }) => *agreeing,
+        _ => 2,
+    }
+}
+
+/// Checks the times of the flashes of one exposure, s.
+///
+/// # Errors
+/// As [`Strobe::new`].
+pub(crate) fn check_flashes(times_s: &[f64]) -> Result<()> {
+    let ascend = times_s.windows(2).all(|w| w[1] - w[0] >= 1e-6);
+    let span_s = times_s.last().zip(times_s.first()).map(|(a, b)| a - b);
+    let inside = (2..=MAX_FLASHES).contains(&times_s.len())
+        && ascend
+        && times_s.iter().all(|t| t.is_finite())
+        && span_s.is_some_and(|span_s| span_s <= MAX_SPAN_S);
+    require(
+        inside,
+        "strobe_ms",
+        "2 to 8 times within 1000 ms, each at least 0.001 ms after the one before",
+        format_args!("{times_s:?} s"),
+    )
+}
+
+/// Images on a straight path, each lit by one flash.
+#[derive(Debug, Clone, Copy)]
+struct Path {
+    /// ln of its likelihood.
+    ln: f64,
+    /// The images, and the flashes that lit them, as bits.
+    images: u32,
+    flashes: u32,
+    /// Whether the images come against their order along the longer axis.
+    is_reversed: bool,
+    velocity_px_s: [f64; 2],
+}
+
+/// The images that are sorted: of too many those without a pose are left out first.
+fn images_of(balls: &[BallEstimate]) -> Vec<Image> {
+    let mut images: Vec<Image> = balls.iter().enumerate().filter_map(Image::of).collect();
+    images.sort_by_key(|image| !image.has_pose);
+    images.truncate(MAX_IMAGES);
+    images
+}
+
+/// The images of a subset (bits) in their order along the longer axis of their places, and that axis.
+fn along_axis(images: &[Image], subset: u32) -> (Vec<Image>, [f64; 2]) {
+    let within = images.iter().enumerate();
+    let within = within.filter(|(k, _)| subset >> k & 1 == 1);
+    let mut ordered: Vec<Image> = within.map(|(_, image)| *image).collect();
+    let axis = long_axis(&ordered);
+    let along = |image: &Image| image.at[0] * axis[0] + image.at[1] * axis[1];
+    ordered.sort_by(|a, b| along(a).total_cmp(&along(b)));
+    (ordered, axis)
 }
 
 /// An image of the ball.

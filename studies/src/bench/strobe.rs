@@ -192,7 +192,7 @@ impl Args {
         let flight = spindoe::spin::golf::Flight::of_motion([moved, 0.0]);
         let strobe = Strobe::new(times.to_vec(), Some(flight), spin)?;
         let begun = ThreadTime::now();
-        let balls = all.estimate_strobed(&gray, None, &strobe, &budget, &mut ws);
+        let balls = all.estimate_strobed(&gray, None, &strobe, &budget, &mut ws)?;
         let ms = 1e3 * begun.elapsed().as_secs_f64();
         let mut read = Read {
             overlap: overlap(truth),

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::cli::estimate::{Arguments, output};
+use crate::cli::estimate::{Arguments, inputs, output};
 use crate::cli::spin::LISTED_BEYOND;
 use crate::cli::spin_summary;
 use crate::error::Result;
@@ -10,7 +10,7 @@ use crate::files::csv::shown;
 use crate::geometry::CameraFrame;
 use crate::spin::alias::AliasConfig;
 use crate::spin::estimate::{MotionModel, SpinEstimate};
-use crate::spin::golf::GolfSpin;
+use crate::spin::golf::{Flight, GolfSpin};
 use crate::spin::orientations::{OrientationRow, OrientationWriter, Orientations};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
@@ -66,7 +66,7 @@ impl<'a> Report<'a> {
             .filter(|_| strobe.is_none() && !arguments.no_sequence);
         let mut balls: Vec<Vec<BallEstimate>> = Vec::new();
         for frame in &mut batch.frames {
-            frame.balls.sort_by(|a, b| left(a).total_cmp(&left(b)));
+            sort_from_left(&mut frame.balls);
             balls.push(std::mem::take(&mut frame.balls));
         }
         let spin = SpinConfig {
@@ -170,6 +170,7 @@ impl<'a> Report<'a> {
     fn read_strobes(&mut self, balls: &[Vec<BallEstimate>], strobe: &Strobe) {
         for (frame, balls) in self.batch.frames.iter().zip(balls) {
             let found = strobe.read(balls, self.shown_in);
+            let numbers = strobe_numbers(balls, &found);
             let lit = found.first().map_or(&[][..], |h| &h.lit[..]);
             let start_s = frame.frame.time_s.unwrap_or(0.0);
             let mut rows = Vec::new();
@@ -187,13 +188,15 @@ impl<'a> Report<'a> {
                 });
             }
             let is_left = |k: &usize| lit.iter().all(|(image, _)| image != k);
-            for ball in (0..balls.len()).filter(is_left).map(|k| &balls[k]) {
+            for (ball, number) in (0..balls.len())
+                .filter(is_left)
+                .map(|k| (&balls[k], numbers[k]))
+            {
                 let named = NamedFrame {
                     name: &frame.frame.name,
                     time_s: None,
                     estimate: &ball.frame,
                 };
-                let number = ball.circle().map(|_| rows.len());
                 let file = orientations(&[named], self.shown_in, false);
                 let json = ball_json(self.arguments, self.shown_in, number, ball);
                 rows.extend(file.rows.into_iter().map(|row| Row {
@@ -205,7 +208,7 @@ impl<'a> Report<'a> {
                 }));
             }
             self.rows.push(rows);
-            let json = strobe_json(self.arguments, strobe, self.shown_in, &found);
+            let json = strobe_json(self.arguments, strobe, self.shown_in, &found, &numbers);
             self.strobes.push((found, json));
         }
     }
@@ -301,6 +304,8 @@ impl<'a> Report<'a> {
 
     /// Summarizes the outcome on standard error.
     pub fn say(&self) {
+        inputs::say_skipped(&self.batch.skipped);
+        inputs::say_cut_short(&self.batch.cut_short);
         let frames = self.batch.frames.iter().zip(&self.rows).enumerate();
         for (k, (frame, rows)) in frames {
             let name = shown(&frame.frame.name);
@@ -326,6 +331,11 @@ impl<'a> Report<'a> {
             self.identified(),
             self.rows.len()
         );
+        // The spin of an exposure needs no times of frames.
+        let times = inputs::times_words(&self.batch.times, self.rows.len());
+        if let Some(words) = times.filter(|_| self.strobes.is_empty()) {
+            errln!("times: {words}");
+        }
         for (number, ball) in self.followed.iter().enumerate() {
             let table = match self.arguments.table.len() {
                 1 => String::new(),
@@ -385,7 +395,7 @@ impl<'a> Report<'a> {
         let flight = hypothesis.flight;
         let spin = match &hypothesis.spin {
             Ok((fit, _)) if self.arguments.golf => {
-                let golf = golf(fit, hypothesis);
+                let golf = golf(fit, self.shown_in, hypothesis.flight);
                 let [back, side] = golf.std_rpm.unwrap_or([f64::NAN; 2]);
                 format!(
                     "backspin {:.0} +- {back:.0} rpm, sidespin {:.0} +- {side:.0} rpm, tilt {:.1} deg, total {:.0} rpm",
@@ -403,9 +413,11 @@ impl<'a> Report<'a> {
     }
 }
 
-fn golf(fit: &Fit, hypothesis: &StrobeHypothesis) -> GolfSpin {
-    let covariance = fit.spin_covariance.as_ref();
-    GolfSpin::new(&fit.motion.spin, covariance, hypothesis.flight)
+/// The words for a spin in the axes of `shown_in`.
+fn golf(fit: &Fit, shown_in: CameraFrame, flight: Flight) -> GolfSpin {
+    // The turn between the axes is its own inverse.
+    let fit = fit.turned(&shown_in.turn());
+    GolfSpin::new(&fit.motion.spin, fit.spin_covariance.as_ref(), flight)
 }
 
 fn table_name(arguments: &Arguments, table: usize) -> String {
@@ -413,9 +425,28 @@ fn table_name(arguments: &Arguments, table: usize) -> String {
     path.map_or(String::new(), |path| path.display().to_string())
 }
 
-/// Where a ball is from left to right.
-fn left(ball: &BallEstimate) -> f64 {
-    ball.circle().map_or(f64::INFINITY, |c| c.center.u)
+/// Sorts balls from left to right; what has no outline comes last.
+pub(super) fn sort_from_left(balls: &mut [BallEstimate]) {
+    let left = |ball: &BallEstimate| ball.circle().map_or(f64::INFINITY, |c| c.center.u);
+    balls.sort_by(|a, b| left(a).total_cmp(&left(b)));
+}
+
+/// The numbers of an exposure's images: those of the likeliest hypothesis in order of time, then the others.
+pub(super) fn strobe_numbers(
+    balls: &[BallEstimate],
+    found: &[StrobeHypothesis],
+) -> Vec<Option<usize>> {
+    let lit = found.first().map_or(&[][..], |h| &h.lit[..]);
+    let mut numbers = vec![None; balls.len()];
+    for (at, (image, _)) in lit.iter().enumerate() {
+        numbers[*image] = Some(at);
+    }
+    let open = numbers.iter_mut().zip(balls);
+    let open = open.filter(|(number, ball)| number.is_none() && ball.circle().is_some());
+    for (number, (place, _)) in (lit.len()..).zip(open) {
+        *place = Some(number);
+    }
+    numbers
 }
 
 /// A ball of a frame.
@@ -443,17 +474,18 @@ pub(super) fn ball_json(
     json
 }
 
-/// The hypotheses of an exposure.
+/// The hypotheses of an exposure; `numbers` are those of its images.
 pub(super) fn strobe_json(
     arguments: &Arguments,
     strobe: &Strobe,
     shown_in: CameraFrame,
     found: &[StrobeHypothesis],
+    numbers: &[Option<usize>],
 ) -> Value {
     let hypotheses = found.iter().map(|h| {
-        let lit = h.lit.iter().enumerate().map(|(at, (_, flash))| {
-            let ball = (h.lit == found[0].lit).then_some(at);
-            json!({ "ball": ball, "flash": flash, "time_s": strobe.times_s()[*flash] })
+        let lit = h.lit.iter().map(|(image, flash)| {
+            let (ball, time_s) = (numbers[*image], strobe.times_s()[*flash]);
+            json!({ "ball": ball, "flash": flash, "time_s": time_s })
         });
         let mut json = json!({
             "probability": h.probability,
@@ -473,7 +505,7 @@ pub(super) fn strobe_json(
                 });
                 json["spin"]["alternatives"] = others.collect();
                 if arguments.golf {
-                    json["golf"] = json!(golf(fit, h));
+                    json["golf"] = json!(golf(fit, shown_in, h.flight));
                 }
             }
             Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),

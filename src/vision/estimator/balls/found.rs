@@ -49,7 +49,7 @@ impl Found {
 
     /// The balls with a pose, then those without.
     pub fn all(mut self) -> Vec<BallEstimate> {
-        let left = self.limit - self.balls.len();
+        let left = self.limit.saturating_sub(self.balls.len());
         let nothing = self.balls.is_empty();
         for mut ball in self.rejected.into_iter().take(left) {
             ball.frame.reject_pose();

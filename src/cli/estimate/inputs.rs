@@ -1,0 +1,92 @@
+//! What is said of the inputs themselves: files that are passed over, videos that end early, where the times come from.
+
+use std::path::PathBuf;
+
+use crate::files::csv::shown;
+use crate::source::files::SkippedFiles;
+use crate::source::video::VideoClock;
+use crate::vision::estimator::TimeSource;
+
+/// Skipped files that are named.
+const MAX_NAMED: usize = 5;
+
+/// Names the files of folders that are no images.
+pub(super) fn say_skipped(all: &[SkippedFiles]) {
+    for skipped in all {
+        let folder = skipped.folder.display();
+        let (count, names) = (skipped.names.len(), &skipped.names);
+        let listed = names
+            .iter()
+            .take(MAX_NAMED)
+            .map(|n| shown(n))
+            .collect::<Vec<_>>();
+        let more = if count > MAX_NAMED { ", ..." } else { "" };
+        errln!(
+            "{folder}: {count} files are no images and are skipped: {}{more}",
+            listed.join(", ")
+        );
+    }
+}
+
+/// Names the videos of which only a part can be read.
+pub(super) fn say_cut_short(videos: &[(PathBuf, String)]) {
+    for (path, why) in videos {
+        errln!(
+            "{}: damaged, what can be read is used: {}",
+            path.display(),
+            shown(why)
+        );
+    }
+}
+
+/// Says that the frames are no sequence in spite of their times.
+pub(super) fn say_not_increasing() {
+    errln!(
+        "spindoe: the times do not increase from frame to frame: every frame is estimated independently"
+    );
+}
+
+/// Where the times came from, and what is to be done where they are missing or doubtful.
+pub(super) fn times_words(times: &TimeSource, count: usize) -> Option<String> {
+    let words = match *times {
+        TimeSource::None => {
+            return (count > 1)
+                .then(|| "no times, so no spin: --fps or --times gives them".to_owned());
+        }
+        TimeSource::Partial { timed } => format!(
+            "{timed} of {count} names are times in nanoseconds, so no spin: --fps or --times gives all"
+        ),
+        TimeSource::FrameNumbers { step_s } => {
+            // What the rate is if a step of 50 or more is a number of microseconds.
+            let guess = match 1e9 * step_s >= 50.0 {
+                true => format!(" ({:.2} if they are microseconds)", 1e-3 / step_s),
+                false => String::new(),
+            };
+            format!("{}, so no spin: give --fps{guess}", times.problem()?)
+        }
+        TimeSource::SameNumber => format!("{}, so no spin: give --fps", times.problem()?),
+        TimeSource::Names { fps } => {
+            let fps = fps?;
+            format!("from the names, in nanoseconds: {fps:.2} fps on average")
+        }
+        TimeSource::Rate { fps } => format!("{fps} fps as given by --fps"),
+        TimeSource::Table => "from the table".into(),
+        TimeSource::Video(clock) => video_words(&clock),
+    };
+    Some(words)
+}
+
+/// The rate of a video, and what the file leaves open.
+fn video_words(clock: &VideoClock) -> String {
+    let stored = clock.stored_fps;
+    let rate = match clock.is_variable {
+        true => format!("{stored:.2} fps on average, each frame at its own time stamp"),
+        false => format!("{stored:.2} fps"),
+    };
+    match clock.capture_fps {
+        Some(capture) => format!(
+            "slow motion: taken at {capture:.2} fps as the file says, stored at {rate} (--fps overrides)"
+        ),
+        None => format!("{rate} as the file says; phone slow motion? give --fps"),
+    }
+}
