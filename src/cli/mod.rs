@@ -45,6 +45,7 @@ mod motion;
 mod old;
 mod output;
 mod pattern;
+#[cfg(feature = "vision")]
 mod pipe;
 mod report;
 mod settings;
