@@ -57,7 +57,10 @@ impl Surface {
             .collect();
         let mut surface = AlbedoMap::new(&posed(map, albedos, &poses))?;
         for _ in 0..ROUNDS {
-            lay(&surface, map, albedos, &mut poses);
+            // The same frames make the same map.
+            if !lay(&surface, map, albedos, &mut poses) {
+                break;
+            }
             surface = AlbedoMap::new(&posed(map, albedos, &poses))?;
         }
         for (k, pose) in poses.iter().enumerate() {
@@ -148,48 +151,51 @@ impl Surface {
     }
 }
 
+/// A frame of the map, under a rotation from the map to the view.
+fn posed_frame<'a, A: Borrow<Albedo>>(
+    map: &Map<'_>,
+    albedos: &'a [A],
+    k: usize,
+    rotation: Rotation,
+) -> Option<PosedAlbedo<'a>> {
+    let seen = &map.frames[k];
+    Some(PosedAlbedo {
+        albedo: albedos.get(seen.index)?.borrow(),
+        view: seen.view(),
+        rotation,
+    })
+}
+
 /// The frames that are placed.
 fn posed<'a, A: Borrow<Albedo>>(
     map: &Map<'_>,
     albedos: &'a [A],
     poses: &[Option<Rotation>],
 ) -> Vec<PosedAlbedo<'a>> {
-    let posed = map.frames.iter().zip(poses);
-    let posed = posed.filter_map(|(seen, pose)| {
-        let albedo = albedos.get(seen.index)?.borrow();
-        Some(PosedAlbedo {
-            albedo,
-            view: seen.view(),
-            rotation: (*pose)?,
-        })
-    });
+    let posed = poses.iter().enumerate();
+    let posed = posed.filter_map(|(k, pose)| posed_frame(map, albedos, k, (*pose)?));
     posed.collect()
 }
 
-/// Lays the frames that are not placed on the surface, from their neighbors on.
+/// Lays the frames that are not placed on the surface, from their neighbors on, and says whether one is placed by that.
 fn lay<A: Borrow<Albedo> + Sync>(
     surface: &AlbedoMap,
     map: &Map<'_>,
     albedos: &[A],
     poses: &mut [Option<Rotation>],
-) {
-    let frame = |k: usize, rotation: Rotation| {
-        let seen = &map.frames[k];
-        let albedo = albedos.get(seen.index)?.borrow();
-        Some(PosedAlbedo {
-            albedo,
-            view: seen.view(),
-            rotation,
-        })
-    };
+) -> bool {
+    if poses.iter().all(Option::is_some) {
+        return false;
+    }
     let laid = |k: usize, start: Rotation| {
-        let mut frame = frame(k, start)?;
+        let mut frame = posed_frame(map, albedos, k, start)?;
         frame.rotation = surface.align(&frame)?;
         Some((frame.rotation, surface.agreement(&frame)))
     };
-    let all: Vec<usize> = (0..poses.len()).collect();
-    let agreements = concurrency::map(&all, |k| Some(surface.agreement(&frame(*k, poses[*k]?)?)));
-    let least = AGREES * median(&mut agreements.into_iter().flatten().collect::<Vec<f64>>());
+    let placed = posed(map, albedos, poses);
+    let mut agreements = concurrency::map(&placed, |frame| surface.agreement(frame));
+    let least = AGREES * median(&mut agreements);
+    let mut has_new = false;
     // Outwards from the placed ones.
     loop {
         let open: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].is_none()).collect();
@@ -200,8 +206,9 @@ fn lay<A: Borrow<Albedo> + Sync>(
             best.filter(|l| l.1 >= least)
         });
         if found.iter().all(Option::is_none) {
-            return;
+            return has_new;
         }
+        has_new = true;
         for (k, found) in open.into_iter().zip(found) {
             poses[k] = found.map(|f| f.0);
         }

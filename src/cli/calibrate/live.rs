@@ -2,7 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
-use super::{Arguments, Clip, Origin};
+use super::{Arguments, Clip, Origin, no_answer};
 use crate::ball::Ball;
 use crate::calibrate::live::{LiveClip, LivePattern};
 use crate::calibrate::{CalibrationConfig, Survey, UnknownRejection};
@@ -62,13 +62,6 @@ pub(super) fn read(arguments: &Arguments, config: &CalibrationConfig) -> Result<
     let built = survey.pattern.map_err(|r| no_answer(&pipe.name, &r))?;
     let found = clip.confirm(built)?;
     Ok(found.map_err(|why| no_answer(&pipe.name, &why))?.into())
-}
-
-fn no_answer(input: &std::path::Path, reason: &dyn std::fmt::Display) -> Error {
-    Error::NoAnswer {
-        path: input.to_path_buf(),
-        reason: reason.to_string(),
-    }
 }
 
 /// What is shown so far, and what to turn to the camera.

@@ -211,10 +211,7 @@ impl Arguments {
 
     /// The clip cannot be calibrated.
     fn no_answer(&self, reason: &dyn std::fmt::Display) -> Error {
-        Error::NoAnswer {
-            path: self.clip[0].clone(),
-            reason: reason.to_string(),
-        }
+        no_answer(&self.clip[0], reason)
     }
 
     /// Reads the clip, and identifies its frames with the ball that fits.
@@ -333,6 +330,14 @@ impl Arguments {
             Some((ball, path)) => (ball, Origin::Design(path)),
             None => (Ball::new(built.pattern.clone()), Origin::Clip(built)),
         })
+    }
+}
+
+/// The clip of this name cannot be calibrated.
+fn no_answer(path: &Path, reason: &dyn std::fmt::Display) -> Error {
+    Error::NoAnswer {
+        path: path.to_path_buf(),
+        reason: reason.to_string(),
     }
 }
 

@@ -332,11 +332,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         let mut frame = FrameEstimate::default();
         if ws.scorers.is_empty() {
             self.estimate_at(image, 0, (outline, standing), budget, ws, &mut frame);
-            return BallEstimate {
-                frame,
-                table: 0,
-                tables: vec![1.0],
-            };
+            return self.with_table(image, 0, frame, budget, ws);
         }
         // The dots are the same for all tables: what is spent on one of them is of no use where the ball carries another.
         let doubtful = (outline, Standing::Doubtful);
