@@ -6,49 +6,26 @@
 
 use crate::geometry::{Vec3, spiral_directions};
 
-/// Cells of the lookup, along z and around it.
-const CELLS: [usize; 2] = [16, 32];
-
 /// The hollows of a ball.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dimples {
+    /// In the order of z.
     middles: Vec<Vec3>,
     /// Angular radius of each, radians.
     radius: f64,
     /// How far the normal leans at a hollow's edge, radians.
     slope: f64,
-    /// The hollows that reach into each cell of z and azimuth.
-    cells: Vec<Vec<u16>>,
 }
 
 impl Dimples {
     /// So many hollows of this angular radius, at whose edge the normal leans by `slope`, radians.
     pub fn new(count: usize, radius: f64, slope: f64) -> Self {
-        let middles: Vec<Vec3> = spiral_directions(count).collect();
-        let mut cells = vec![Vec::new(); CELLS[0] * CELLS[1]];
-        // Directions of each cell, finer than a hollow: those whose nearest hollow is within reach belong to it.
-        let fine = 6;
-        for row in 0..CELLS[0] * fine {
-            for column in 0..CELLS[1] * fine {
-                let z = -1.0 + 2.0 * (row as f64 + 0.5) / (CELLS[0] * fine) as f64;
-                let turn = std::f64::consts::TAU / (CELLS[1] * fine) as f64;
-                let (s, c) = (turn * (column as f64 + 0.5)).sin_cos();
-                let across = (1.0 - z * z).max(0.0).sqrt();
-                let at = Vec3::new(across * c, across * s, z);
-                let cell: &mut Vec<u16> = &mut cells[cell_of(&at)];
-                for (k, middle) in middles.iter().enumerate() {
-                    let is_near = middle.dot(&at) > (1.6 * radius).cos();
-                    if is_near && !cell.contains(&(k as u16)) {
-                        cell.push(k as u16);
-                    }
-                }
-            }
-        }
+        let mut middles: Vec<Vec3> = spiral_directions(count).collect();
+        middles.sort_by(|a, b| a.z.total_cmp(&b.z));
         Self {
             middles,
             radius,
             slope,
-            cells,
         }
     }
 
@@ -60,9 +37,11 @@ impl Dimples {
     /// The surface's normal at a direction, both unit vectors in the pattern's frame.
     pub fn normal(&self, at: &Vec3) -> Vec3 {
         let cos = self.radius.cos();
-        let near = self.cells[cell_of(at)].iter();
-        let within = near
-            .map(|k| &self.middles[usize::from(*k)])
+        // Directions differ by no more in z than by their angle.
+        let from = self.middles.partition_point(|m| m.z < at.z - self.radius);
+        let within = self.middles[from..]
+            .iter()
+            .take_while(|m| m.z < at.z + self.radius)
             .find(|middle| middle.dot(at) > cos);
         let Some(middle) = within else {
             return *at;
@@ -74,13 +53,6 @@ impl Dimples {
             None => *at,
         }
     }
-}
-
-fn cell_of(at: &Vec3) -> usize {
-    let row = (0.5 * (at.z + 1.0) * CELLS[0] as f64).max(0.0) as usize;
-    let turn = at.y.atan2(at.x).rem_euclid(std::f64::consts::TAU) / std::f64::consts::TAU;
-    let column = (turn * CELLS[1] as f64) as usize;
-    row.min(CELLS[0] - 1) * CELLS[1] + column.min(CELLS[1] - 1)
 }
 
 #[cfg(test)]
