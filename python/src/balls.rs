@@ -61,7 +61,7 @@ impl Balls {
             Ok(match strobe {
                 Some(strobe) => self
                     .inner
-                    .estimate_strobed(image, None, strobe, &budget, &mut ws)?,
+                    .estimate_strobed(image, None, strobe, &budget, &mut ws),
                 None => self.inner.estimate(image, None, &[], &budget, &mut ws),
             })
         })

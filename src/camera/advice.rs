@@ -53,6 +53,17 @@ impl DotSize {
         let hole = Stencil::largest_hole_mm(pattern, &config);
         Ok(hole.map_or(conditions.dot_diameter, |mm| (mm / ball_mm).min(MAX_DOT)))
     }
+
+    /// The diameter of the dots of a pattern whose design may be known, over that of the ball.
+    ///
+    /// # Errors
+    /// As [`DotSize::of`].
+    pub fn of_named(self, named: &NamedPattern, conditions: &CameraConditions) -> Result<f64> {
+        match (self, &named.design) {
+            (Self::Designed { .. }, Some(design)) => Ok(design.dot_diameter()),
+            (size, _) => size.of(&named.pattern, conditions),
+        }
+    }
 }
 
 /// From how much the advice is made.
@@ -144,13 +155,9 @@ pub fn advise(
 ) -> Result<Advice> {
     let conditions = &trials.conditions;
     let racers = patterns.iter().map(|named| {
-        let dot_diameter = match (config.dot_size, &named.design) {
-            (DotSize::Designed { .. }, Some(design)) => design.dot_diameter(),
-            (size, _) => size.of(&named.pattern, conditions)?,
-        };
         Ok(Racer {
             pattern: &named.pattern,
-            dot_diameter,
+            dot_diameter: config.dot_size.of_named(named, conditions)?,
         })
     });
     let racers = racers.collect::<Result<Vec<_>>>()?;

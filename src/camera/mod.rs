@@ -10,6 +10,7 @@
 //! - [`advise`] races the shipped designs, or others, and tries changes of the camera,
 //! - [`rank_finalists`] races those of a search,
 //! - [`CameraSweep`] varies one property of the camera at a time,
+//! - [`advise_exposures`] races patterns on a launch monitor's exposures with several flashes,
 //! - [`coverage`] fits the assumptions of an objective to what the camera shows.
 //!
 //! The outcomes depend on the seed alone, not on the number of threads. They are worth what the
@@ -18,6 +19,7 @@
 mod advice;
 mod conditions;
 mod coverage;
+mod exposures;
 mod frames;
 mod racing;
 mod ranking;
@@ -28,6 +30,10 @@ mod trials;
 pub use advice::{Advice, AdviceConfig, ChangeAdvice, DotSize, MAX_DOT, PatternAdvice, advise};
 pub use conditions::{CameraConditions, Surroundings};
 pub use coverage::{COVERAGE_FRAMES, coverage};
+pub use exposures::{
+    ExposureAdvice, ExposureOutcome, ExposureRates, ExposureSpin, ExposureTrials, advise_exposures,
+    is_at,
+};
 pub use frames::{FrameOutcome, FrameRates, paired};
 pub use racing::{RaceConfig, RaceResult, Racer, race, race_patterns};
 pub use ranking::{rank_finalists, requested_conditions};

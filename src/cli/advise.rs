@@ -4,16 +4,24 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::camera::CameraArguments;
+use super::camera::{CameraArguments, GolfBall};
+use super::flashes::Flashes;
 use super::output::{Counter, quoted};
 use super::print_json;
 use crate::ball::Ball;
 use crate::camera::{
-    Advice, AdviceConfig, CameraTrials, ChangeAdvice, FrameRates, RaceConfig, advise,
+    Advice, AdviceConfig, CameraTrials, ChangeAdvice, ExposureTrials, FrameRates, RaceConfig,
+    advise, advise_exposures,
 };
 use crate::error::Result;
 use crate::pattern::{NamedPattern, shipped_designs};
 use crate::validate::check_samples;
+
+/// Exposures of a pattern, and of the race's first round, where none are stated.
+const GOLF_SAMPLES: u64 = 256;
+const GOLF_FIRST: u64 = 64;
+/// Flashes of a launch monitor where none are stated, s: uneven, so that they tell the direction of flight.
+const GOLF_FLASHES_S: [f64; 3] = [0.0, 0.9e-3, 2.1e-3];
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -24,15 +32,16 @@ It takes less than a minute of one core, in any surroundings some two.
 
 Examples:
   spindoe advise --ball-px 45 --fps 240 --exposure-ms 0.5
+  spindoe advise --golf --strobe-ms 0,0.9,2.1 --ball-px 100
   spindoe advise mine.csv --camera camera.toml --json")]
 pub struct Arguments {
     /// Patterns: for each the name of a shipped one (dots20), its CSV (unit vectors x,y,z), a table (.npz), or the
     /// folder of a design or calibration [default: the shipped designs].
     #[arg(value_name = "PATTERN")]
     inputs: Vec<PathBuf>,
-    /// Frames of a pattern that stays to the end; half as many for a change of the camera.
-    #[arg(long, value_name = "N", default_value_t = RaceConfig::default().max_frames)]
-    samples: u64,
+    /// Frames of a pattern that stays to the end; half as many for a change of the camera [default: 1024; with --golf 256].
+    #[arg(long, value_name = "N")]
+    samples: Option<u64>,
     /// Sequences of a pattern that stays to the end, for the spin.
     #[arg(hide = true, long, value_name = "N", default_value_t = AdviceConfig::default().sequences)]
     sequences: u64,
@@ -42,6 +51,18 @@ pub struct Arguments {
     /// Seed of frames and sequences.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
+    /// A launch monitor: golf balls of 42.67 mm and 100 pixels in infrared light, exposures with several flashes, golf's spins; the
+    /// intrinsics are known. It takes some minutes.
+    #[arg(long, conflicts_with_all = ["camera", "fps", "exposure_ms", "rps", "max_speed_m_s", "surroundings", "noise_levels"])]
+    golf: bool,
+    /// Flashes of one exposure, milliseconds, ascending, or PERIODxN, as in 0.7x3 [default: 0,0.9,2.1].
+    #[arg(
+        long,
+        value_name = "MS,MS..",
+        allow_hyphen_values = true,
+        requires = "golf"
+    )]
+    strobe_ms: Option<Flashes>,
     /// Print one JSON object instead of words.
     #[arg(long)]
     json: bool,
@@ -50,8 +71,12 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let conditions = arguments.camera.conditions()?;
-    check_samples(arguments.samples)?;
+    let usual = match arguments.golf {
+        true => GOLF_SAMPLES,
+        false => RaceConfig::default().max_frames,
+    };
+    let samples = arguments.samples.unwrap_or(usual);
+    check_samples(samples)?;
     let patterns = if arguments.inputs.is_empty() {
         shipped_designs()?
     } else {
@@ -67,11 +92,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             })
             .collect::<Result<_>>()?
     };
+    if arguments.golf {
+        return golf(arguments, &patterns, samples);
+    }
+    let conditions = arguments.camera.conditions()?;
     let config = AdviceConfig {
-        race: RaceConfig::of_frames(arguments.samples),
+        race: RaceConfig::of_frames(samples),
         sequences: arguments.sequences,
         sequence_frames: arguments.sequence_frames,
-        change_frames: arguments.samples.div_ceil(2),
+        change_frames: samples.div_ceil(2),
         dot_size: arguments.camera.dot_size()?,
         ball_mm: arguments.camera.ball_mm()?,
     };
@@ -84,6 +113,89 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     print_words(&advice, &config, arguments.seed);
     Ok(())
+}
+
+/// The patterns for a launch monitor.
+fn golf(arguments: &Arguments, patterns: &[NamedPattern], samples: u64) -> Result<()> {
+    let times_s = match &arguments.strobe_ms {
+        Some(flashes) => flashes.times_s.clone(),
+        None => GOLF_FLASHES_S.to_vec(),
+    };
+    let mut trials = ExposureTrials::golf(times_s, arguments.seed);
+    let GolfBall {
+        ball_mm,
+        dots,
+        conditions,
+    } = arguments.camera.state_golf(&mut trials.synth)?;
+    let sized = patterns
+        .iter()
+        .map(|named| Ok((named, dots.of_named(named, &conditions)?)));
+    let sized = sized.collect::<Result<Vec<_>>>()?;
+    let race = RaceConfig {
+        first_frames: GOLF_FIRST.min(samples),
+        max_frames: samples,
+    };
+    let counter = Counter::new(samples * patterns.len() as u64, "exposures");
+    let advice = advise_exposures(&trials, &sized, &race, &|n| counter.add(n))?;
+    counter.finish();
+    if arguments.json {
+        return print_json(&serde_json::json!({
+            "strobe_s": trials.strobe.times_s,
+            "ball_px": trials.synth.ball_px,
+            "patterns": advice,
+        }));
+    }
+    let ms: Vec<String> = trials
+        .strobe
+        .times_s
+        .iter()
+        .map(|s| format!("{:.3}", 1e3 * s))
+        .collect();
+    outln!(
+        "seed {}; exposures with flashes at {} ms:",
+        arguments.seed,
+        ms.join(", ")
+    );
+    outln!(
+        "{:12} {:>4} {:>6} {:>9}  {:>24}  {:>20}  {:>24}  {:>10}",
+        "pattern",
+        "dots",
+        "wide",
+        "exposures",
+        "images posed",
+        "poses wrong",
+        "spin right",
+        "error, rpm"
+    );
+    for p in &advice {
+        let r = &p.rates;
+        outln!(
+            "{:12} {:>4} {:>5.1}% {:>9}  {:>24}  {:>20}  {:>24}  {:>10.0}",
+            quoted(&p.name),
+            p.dots,
+            100.0 * p.dot_diameter,
+            r.right.trials,
+            r.posed.to_string(),
+            r.wrong.to_string(),
+            r.right.to_string(),
+            r.median_error_rpm
+        );
+    }
+    outln!("Right is a spin whose whole vector is within 2 % of its magnitude or 60 rpm.");
+    outln!("Brackets are 95 % intervals (shares: Wilson).");
+    if let Some(best) = advice.first() {
+        take(&best.name, best.dot_diameter, ball_mm);
+    }
+    Ok(())
+}
+
+/// What is to be done with the best.
+fn take(name: &str, dot_diameter: f64, ball_mm: f64) {
+    let name = quoted(name);
+    outln!(
+        "Take {name}. Print it with: spindoe stencil {name} -o stencil --ball-diameter-mm {ball_mm} --dot-diameter-mm {:.1}",
+        (10.0 * dot_diameter * ball_mm + 1e-6).floor() / 10.0
+    );
 }
 
 fn print_words(advice: &Advice, config: &AdviceConfig, seed: u64) {
@@ -164,12 +276,7 @@ fn print_words(advice: &Advice, config: &AdviceConfig, seed: u64) {
     }
     outln!("Brackets are 95 % intervals (shares: Wilson).");
     if let Some(best) = advice.patterns.first() {
-        let name = quoted(&best.name);
-        outln!(
-            "Take {name}. Print it with: spindoe stencil {name} -o stencil --ball-diameter-mm {} --dot-diameter-mm {:.1}",
-            config.ball_mm,
-            (10.0 * best.dot_diameter * config.ball_mm + 1e-6).floor() / 10.0
-        );
+        take(&best.name, best.dot_diameter, config.ball_mm);
     }
 }
 

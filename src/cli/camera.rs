@@ -11,6 +11,8 @@ use super::settings::read_toml;
 use crate::ball::USUAL_BALL_MM;
 use crate::camera::{CameraConditions, DotSize, FrameRates, Surroundings};
 use crate::error::{Error, Result};
+use crate::spin::golf;
+use crate::synth::SynthConfig;
 
 /// Frames of a camera where none are stated.
 pub const CAMERA_FRAMES: u64 = 1000;
@@ -115,6 +117,33 @@ impl CameraArguments {
         })
     }
 
+    /// A launch monitor's camera as far as it is stated: the ball's diameter, mm, and the size of the dots over it.
+    pub fn state_golf(&self, synth: &mut SynthConfig) -> Result<GolfBall> {
+        let stated = CameraFile {
+            ball_diameter_mm: self.stated.ball_diameter_mm.or(Some(golf::BALL_MM)),
+            ball_px: self.stated.ball_px.or(synth.ball_px.map(|px| px[0])),
+            ..self.stated.clone()
+        };
+        let conditions = stated.conditions().map_err(named_as_flag)?;
+        synth.ball_px = Some([conditions.ball_px; 2]);
+        if let Some(distance) = conditions.distance_radii {
+            synth.camera_distance_radii = [distance; 2];
+        }
+        if let Some(blur) = conditions.defocus_px {
+            synth.defocus_px = [blur; 2];
+        }
+        let ball_mm = stated.ball_diameter_mm.unwrap_or(golf::BALL_MM);
+        let dots = match stated.dot_diameter_mm {
+            Some(_) => DotSize::Stated,
+            None => DotSize::Designed { ball_mm },
+        };
+        Ok(GolfBall {
+            ball_mm,
+            dots,
+            conditions,
+        })
+    }
+
     /// Whether there is a camera.
     pub fn is_given(&self) -> bool {
         self.camera.is_some()
@@ -159,6 +188,16 @@ impl CameraArguments {
             surroundings: stated.surroundings.or(file.surroundings),
         })
     }
+}
+
+/// A golf ball before a launch monitor.
+pub struct GolfBall {
+    /// Its diameter, mm.
+    pub ball_mm: f64,
+    /// The size of its dots.
+    pub dots: DotSize,
+    /// What is stated beside it.
+    pub conditions: CameraConditions,
 }
 
 impl std::fmt::Display for CameraSource {

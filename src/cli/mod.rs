@@ -32,6 +32,8 @@ mod camera;
 mod design;
 #[cfg(feature = "vision")]
 mod estimate;
+#[cfg(feature = "vision")]
+mod flashes;
 mod identify;
 #[cfg(feature = "vision")]
 mod images;

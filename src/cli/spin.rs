@@ -15,7 +15,7 @@ use crate::geometry::CameraFrame;
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
 use crate::spin::alias::AliasConfig;
 use crate::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
-use crate::spin::orientations::Orientations;
+use crate::spin::orientations::{OrientationReader, Orientations};
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
 use crate::spin::robust::{MagnitudePrior, SpinConfig};
 use crate::spin::summary::SpinSummary;
@@ -45,6 +45,9 @@ pub struct Arguments {
     /// first, pattern to camera or to what a column camera_frame says, empty where there is none); - is
     /// standard input.
     orientations: PathBuf,
+    /// The ball, of a file of several (`estimate --balls`).
+    #[arg(long, value_name = "N")]
+    ball: Option<usize>,
     /// How the spin is estimated.
     #[arg(long, value_enum, default_value = "robust")]
     method: Method,
@@ -220,10 +223,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         files::check_writable(path)?;
     }
     let input = super::open_input(&arguments.orientations)?;
-    let file = match arguments.fps {
-        None => Orientations::read(&input.name, input.reader)?,
-        Some(fps) => Orientations::read_at_rate(&input.name, input.reader, fps)?,
+    let reader = match arguments.fps {
+        None => OrientationReader::new(&input.name, input.reader)?,
+        Some(fps) => OrientationReader::at_rate(&input.name, input.reader, fps)?,
     };
+    let file = Orientations::collect(match arguments.ball {
+        None => reader,
+        Some(number) => reader.of_ball(number),
+    })?;
+    if let (Some(number), true) = (arguments.ball, file.rows.is_empty()) {
+        let problem = format!("expected rows of ball {number}, found none");
+        return Err(Error::input(&input.name, "ball", problem));
+    }
     let measurements = file.measurements();
     let config = arguments.config(&file);
     let frame = file.camera_frame.unwrap_or_default();

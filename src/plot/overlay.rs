@@ -56,6 +56,17 @@ pub struct OverlayDot {
     pub named: bool,
 }
 
+/// A ball's outline to draw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OverlayOutline {
+    /// Its center, pixels of the picture.
+    pub center: Pixel,
+    /// Its radius, pixels.
+    pub radius: f64,
+    /// The ball's number, where there are several.
+    pub number: Option<usize>,
+}
+
 /// A frame to draw. Positions are pixels of `image`.
 #[derive(Debug, Clone)]
 pub struct OverlayFrame {
@@ -67,8 +78,8 @@ pub struct OverlayFrame {
     pub refused: bool,
     /// The picture.
     pub image: RgbImage,
-    /// Center and radius of the ball's outline.
-    pub outline: Option<(Pixel, f64)>,
+    /// The balls' outlines.
+    pub outlines: Vec<OverlayOutline>,
     /// The detections.
     pub dots: Vec<OverlayDot>,
     /// The pattern's dots as the orientation has them: number, place, and z on the unit ball.
@@ -83,7 +94,7 @@ impl OverlayFrame {
             words: String::new(),
             refused: true,
             image: RgbImage::default(),
-            outline: None,
+            outlines: Vec::new(),
             dots: Vec::new(),
             expected: Vec::new(),
         }
@@ -245,7 +256,7 @@ fn draw_marks(
     };
     let inside = |p: &Pixel| p.u > -0.5 && p.v > -0.5 && p.u < width - 0.5 && p.v < height - 0.5;
     let thin = canvas::stroke(OUTLINE, 1.0);
-    if let Some((center, radius)) = &frame.outline {
+    for OverlayOutline { center, radius, .. } in &frame.outlines {
         let points = (0..=180).map(|k| {
             let (s, c) = (f64::from(k) * 2f64.to_radians()).sin_cos();
             Pixel {
@@ -280,6 +291,16 @@ fn draw_marks(
         places.keep(at, arm);
         numbers.push((at, arm, number.to_string(), EXPECTED));
     }
+    // Inside, below the top: no other place is within the picture whenever the ball is.
+    for outline in &frame.outlines {
+        let below_top = Pixel {
+            u: outline.center.u,
+            v: outline.center.v - 0.85 * outline.radius,
+        };
+        if let Some(number) = outline.number.filter(|_| inside(&below_top)) {
+            tag(area, &number.to_string(), place(&below_top), SMALL, OUTLINE)?;
+        }
+    }
     if !in_full {
         return Ok(());
     }
@@ -291,14 +312,21 @@ fn draw_marks(
             let Some((x, y)) = places.beside(at, radius, (w + px(2.0), h), preferred) else {
                 continue;
             };
-            // Darkened, so that it can be read on any ball.
-            let half = (w / 2 + px(1.0), h / 2);
-            let tag = [(x - half.0, y - half.1), (x + half.0, y + half.1)];
-            area.draw(&Rectangle::new(tag, BLACK.mix(0.6).filled()))?;
-            canvas::text(area, &words, (x, y), HPos::Center, LABEL_TEXT, color)?;
+            tag(area, &words, (x, y), LABEL_TEXT, color)?;
         }
     }
     Ok(())
+}
+
+/// Words around a place, on a darkened ground, so that they can be read on any ball.
+fn tag(area: &Area<'_>, words: &str, (x, y): (i32, i32), size: f64, color: RGBColor) -> Drawn {
+    let half = (
+        canvas::text_width(words, size) / 2 + px(1.0),
+        px(0.9 * size) / 2,
+    );
+    let ground = [(x - half.0, y - half.1), (x + half.0, y + half.1)];
+    area.draw(&Rectangle::new(ground, BLACK.mix(0.6).filled()))?;
+    canvas::text(area, words, (x, y), HPos::Center, size, color)
 }
 
 /// Paints a picture into a square of `side` drawn pixels, with smooth transitions. `pixels` are those of

@@ -26,6 +26,11 @@ use nalgebra::Matrix3;
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 
+/// Diameter of a golf ball, mm: the least that the rules of golf allow.
+pub const BALL_MM: f64 = 42.67;
+/// The fastest golf spin that is considered, revolutions per second: 15 000 rpm.
+pub const MAX_RPS: f64 = 250.0;
+
 /// The direction of a flight in the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]

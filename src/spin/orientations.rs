@@ -19,7 +19,9 @@
 //! - `cov_xx,cov_xy,cov_xz,cov_yy,cov_yz,cov_zz`, rad^2: the covariance of the small rotation vector, in the same frame, that leads
 //!   from the quaternion to the true orientation;
 //! - `turn_x,turn_y,turn_sd_x,turn_sd_y`, rad, of view frames only: all rows are in one view frame, that of the ball amid
-//!   its path; the turn from the row's own, and its deviation, one error that all rows share ([`ViewTurn`]).
+//!   its path; the turn from the row's own, and its deviation, one error that all rows share ([`ViewTurn`]);
+//! - `ball`, of frames with several balls: the number of the ball, one of which is read; `flash`, of exposures with several flashes,
+//!   whose rows are images of one ball.
 //!
 //! [`OrientationReader`] yields row after row from any input, in memory that does not grow with the
 //! file; [`OrientationWriter`] writes them likewise.
@@ -55,7 +57,7 @@ const LEAST_OWN: f64 = 0.5;
 const RESIDUAL_PRIOR_DOTS: f64 = 4.0;
 
 /// Number of columns.
-const COUNT: usize = 21;
+const COUNT: usize = 23;
 /// The columns, in the order in which they are written.
 static COLUMNS: Columns<COUNT> = Columns {
     names: [
@@ -80,15 +82,20 @@ static COLUMNS: Columns<COUNT> = Columns {
         "turn_y",
         "turn_sd_x",
         "turn_sd_y",
+        "ball",
+        "flash",
     ],
     // The time and the quaternion.
     required: 1..6,
 };
 /// Those that are always written, those of a camera's frame, and those of a view frame.
-const WRITTEN: [usize; 3] = [10, 17, COUNT];
+const WRITTEN: [usize; 3] = [10, 17, 21];
 /// The first column of the covariance, and that of the turns.
 const COVARIANCE: usize = 11;
 const TURN: usize = 17;
+/// The number of the ball and that of the flash, of files with several balls.
+const BALL: usize = 21;
+const FLASH: usize = 22;
 /// The same where the times come from elsewhere: only the quaternion is needed.
 static UNTIMED: Columns<COUNT> = Columns {
     names: COLUMNS.names,
@@ -185,7 +192,11 @@ impl Orientations {
         Self::collect(OrientationReader::at_rate(path, input, fps)?)
     }
 
-    fn collect<R: BufRead>(mut reader: OrientationReader<R>) -> Result<Self> {
+    /// All rows of a reader.
+    ///
+    /// # Errors
+    /// Those of [`Orientations::read`].
+    pub fn collect<R: BufRead>(mut reader: OrientationReader<R>) -> Result<Self> {
         let rows = reader.by_ref().collect::<Result<_>>()?;
         Ok(Self {
             rows,
@@ -312,6 +323,9 @@ pub struct OrientationReader<R> {
     interval_s: Option<f64>,
     count: u64,
     camera_frame: Option<CameraFrame>,
+    /// The ball that is read, where one is chosen, and that of the row before.
+    chosen: Option<usize>,
+    ball: Option<usize>,
     ended: bool,
 }
 
@@ -345,7 +359,18 @@ impl<R: BufRead> OrientationReader<R> {
             interval_s,
             count: 0,
             camera_frame: None,
+            chosen: None,
+            ball: None,
             ended: false,
+        }
+    }
+
+    /// The same of one of several balls: rows of others are passed over.
+    #[must_use]
+    pub fn of_ball(self, number: usize) -> Self {
+        Self {
+            chosen: Some(number),
+            ..self
         }
     }
 
@@ -355,31 +380,46 @@ impl<R: BufRead> OrientationReader<R> {
     }
 
     fn read_row(&mut self) -> Result<Option<OrientationRow>> {
-        let Some(row) = self.table.next_row()? else {
-            return Ok(None);
-        };
-        let time_s = self.interval_s.map(|interval| interval * self.count as f64);
-        let parsed = parse(&row, time_s).map_err(|problem| row.error(problem))?;
-        let named = row.text(10).map(str::parse::<CameraFrame>).transpose();
-        let frame = named.map_err(|_| {
-            let found = shown(row.text(10).unwrap_or_default());
-            row.error(format!(
-                "camera_frame: expected camera, optical, view or optical_view, found \"{found}\""
-            ))
-        })?;
-        if self.count > 0 && frame != self.camera_frame {
-            return Err(row.error("camera_frame: expected the same in all rows"));
+        loop {
+            let Some(row) = self.table.next_row()? else {
+                return Ok(None);
+            };
+            let ball = row.count(BALL).map_err(|problem| row.error(problem))?;
+            if self.chosen.is_some() && ball != self.chosen {
+                continue;
+            }
+            let is_same = ball == self.ball || row.text(FLASH).is_some();
+            if self.count > 0 && !is_same {
+                let [found, before] = [ball, self.ball]
+                    .map(|ball| ball.map_or("none".into(), |number| number.to_string()));
+                return Err(row.error(format!(
+                    "ball: expected one ball, found {found} after {before} (--ball chooses one)"
+                )));
+            }
+            self.ball = ball;
+            let time_s = self.interval_s.map(|interval| interval * self.count as f64);
+            let parsed = parse(&row, time_s).map_err(|problem| row.error(problem))?;
+            let named = row.text(10).map(str::parse::<CameraFrame>).transpose();
+            let frame = named.map_err(|_| {
+                let found = shown(row.text(10).unwrap_or_default());
+                row.error(format!(
+                    "camera_frame: expected camera, optical, view or optical_view, found \"{found}\""
+                ))
+            })?;
+            if self.count > 0 && frame != self.camera_frame {
+                return Err(row.error("camera_frame: expected the same in all rows"));
+            }
+            self.camera_frame = frame;
+            self.count += 1;
+            if self.time_s >= parsed.time_s {
+                return Err(row.error(format!(
+                    "expected a time later than the {} s before it, found {} s",
+                    self.time_s, parsed.time_s
+                )));
+            }
+            self.time_s = parsed.time_s;
+            return Ok(Some(parsed));
         }
-        self.camera_frame = frame;
-        self.count += 1;
-        if self.time_s >= parsed.time_s {
-            return Err(row.error(format!(
-                "expected a time later than the {} s before it, found {} s",
-                self.time_s, parsed.time_s
-            )));
-        }
-        self.time_s = parsed.time_s;
-        Ok(Some(parsed))
     }
 }
 

@@ -40,7 +40,7 @@ const ENOUGH_DOTS: usize = 6;
 const MISSED: f64 = 0.2;
 /// Limits of a frame's weight against "none of them", and between two hypotheses.
 const MAX_WEIGHT: f64 = 6.0;
-const MAX_LEAD: f64 = 10.0;
+pub(crate) const MAX_LEAD: f64 = 10.0;
 /// What a motion that the poses share adds.
 const COMMON_MOTION: f64 = 6.0;
 /// Evidence that a hypothesis must have.

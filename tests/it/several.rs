@@ -531,7 +531,8 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
         (&["--balls", "0"], "expected 1 to 16, or auto"),
         (&["--balls", "auto", "--calibrate"], "--calibrate"),
         (&["--golf"], "--strobe-ms"),
-        (&["--strobe-ms", "0,1", "--table", "dots24"], "--table"),
+        (&["--strobe-ms", "0,,1"], "expected milliseconds"),
+        (&["--strobe-ms", "1x9"], "2 to 8 times within 1000 ms"),
     ] {
         let base = &["estimate", "--table", "e/table.npz", "e/images"];
         let output = spindoe(dir.path(), &[&base[..], args].concat());
@@ -607,11 +608,21 @@ fn images_of_one_ball_have_one_table() {
     let all = BallsEstimator::new(estimators(&[shipped("dots20"), shipped("dots24")]), None);
     let all = all.unwrap();
     let strobe = Strobe::new(vec![0.0, 1e-3], None, SpinConfig::default()).unwrap();
-    let image = spindoe::image::GrayImage::new(64, 64, vec![0.0; 64 * 64]).unwrap();
+    let config = SynthConfig::golf();
+    let flashes = StrobeConfig::new(vec![0.0, 1e-3]);
     let mut ws = all.workspace().unwrap();
-    let found = all.estimate_strobed(&image, None, &strobe, &Budget::default(), &mut ws);
-    let words = found.unwrap_err().to_string();
-    assert!(words.contains("table: expected one"), "{words}");
+    for k in 0..3 {
+        let frame = strobed_frame(&shipped("dots24"), &config, &flashes, 36, k).unwrap();
+        let budget = Budget::default();
+        let balls = all.estimate_strobed(&frame.image.to_gray(), None, &strobe, &budget, &mut ws);
+        assert!(balls.len() >= 2, "{k}");
+        for ball in &balls {
+            assert_eq!((ball.table, &ball.tables), (1, &balls[0].tables), "{k}");
+            assert!((ball.tables.iter().sum::<f64>() - 1.0).abs() < 1e-9, "{k}");
+            let confidence = ball.frame.pose().map_or(0.0, |pose| pose.confidence);
+            assert!(confidence <= ball.tables[1], "{k}");
+        }
+    }
 }
 
 #[test]
@@ -706,4 +717,123 @@ fn a_pose_by_a_foreign_table_is_taken_back_and_lost_balls_are_forgotten() {
     }
     assert_eq!((tracks.table(0), tracks.count()), (None, 1));
     assert_eq!(next(&mut tracks, &mut [ball(0, [0.99, 0.01])]), [Some(1)]);
+}
+
+#[test]
+fn exposures_of_several_tables_have_one_ball_each_and_are_drawn() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |args: &[&str]| done(dir.path(), args);
+    // The same flashes as a period and as times.
+    let make = ["--strobe-ms", "0.9x3", "--frames", "3", "--seed", "11"];
+    run(&[&["synth", "dots24", "-o", "e"][..], &make].concat());
+    let strobed = &["estimate", "--strobe-ms", "0,0.9,1.8", "--golf", "e/images"];
+    let alone = run(&[&strobed[..], &["--table", "e/table.npz"]].concat());
+    let text = run(&[
+        &strobed[..],
+        &[
+            "--table",
+            "dots20",
+            "--table",
+            "e/table.npz",
+            "--table",
+            "dots32",
+        ],
+        &["--overlay", "seen"],
+    ]
+    .concat());
+    let lines: Vec<&str> = text.lines().collect();
+    assert!(lines[0].ends_with(",ball,table,flash"), "{}", lines[0]);
+    // Whatever one image alone may look like, all images of an exposure are of the ball that is there.
+    let of_table = lines.iter().filter(|l| l.contains(",e/table.npz,")).count();
+    let others = lines
+        .iter()
+        .filter(|l| l.contains(",dots20,") || l.contains(",dots32,"));
+    assert_eq!(others.count(), 0, "{text}");
+    let posed = |text: &str| text.lines().skip(1).filter(|l| !l.contains(",,,,")).count();
+    assert_eq!(of_table, posed(&alone), "{text}\n{alone}");
+    assert!(of_table >= 7, "{text}");
+    for name in [
+        "contact_sheet.png",
+        "00000_frame-000000.png",
+        "00002_frame-000002.png",
+    ] {
+        let picture = image::open(dir.path().join("seen").join(name)).unwrap();
+        assert!(picture.width() >= 300, "{name}");
+    }
+}
+
+#[test]
+fn the_spin_of_one_of_several_balls_is_chosen_by_its_number() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |args: &[&str]| done(dir.path(), args);
+    let row = |time: f64, rps: f64, ball: usize| {
+        let half = std::f64::consts::PI * rps * time;
+        format!(
+            "f,{time},{},0,0,{},9,9,0.5,0.99,camera,{ball}\n",
+            half.cos(),
+            half.sin()
+        )
+    };
+    let mut text =
+        "frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence,camera_frame,ball\n"
+            .to_owned();
+    for k in 0..12 {
+        let time = 0.002 * f64::from(k);
+        text += &row(time, 20.0, 0);
+        text += &row(time, 35.0, 1);
+    }
+    std::fs::write(dir.path().join("o.csv"), &text).unwrap();
+    for (ball, rps) in [("0", 20.0), ("1", 35.0)] {
+        let json: serde_json::Value =
+            serde_json::from_str(&run(&["spin", "o.csv", "--ball", ball, "--json"])).unwrap();
+        let found = json["rps"].as_f64().unwrap();
+        assert!((found - rps).abs() < 0.01, "{ball}: {found}");
+    }
+    for (args, expected) in [
+        (&[][..], "line 3: ball: expected one ball, found 1 after 0"),
+        (&["--ball", "2"], "expected rows of ball 2, found none"),
+    ] {
+        let output = spindoe(dir.path(), &[&["spin", "o.csv"][..], args].concat());
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{words}");
+        assert!(words.contains(expected), "{words}");
+    }
+}
+
+#[test]
+fn a_launch_monitor_is_advised() {
+    let dir = tempfile::tempdir().unwrap();
+    let words = done(
+        dir.path(),
+        &["advise", "dots20", "dots32", "--golf", "--samples", "4"],
+    );
+    assert!(
+        words.contains("flashes at 0.000, 0.900, 2.100 ms"),
+        "{words}"
+    );
+    assert!(words.contains("--ball-diameter-mm 42.67"), "{words}");
+    let json: serde_json::Value = serde_json::from_str(&done(
+        dir.path(),
+        &[
+            "advise",
+            "dots32",
+            "--golf",
+            "--samples",
+            "3",
+            "--strobe-ms",
+            "1x2",
+            "--json",
+        ],
+    ))
+    .unwrap();
+    let rates = &json["patterns"][0]["rates"];
+    assert_eq!(rates["right"]["trials"], 3, "{json}");
+    assert_eq!(rates["posed"]["trials"], 6, "{json}");
+    assert!(rates["posed"]["successes"].as_u64() >= Some(4), "{json}");
+    for flag in [&["--fps", "100"][..], &["--camera", "dark"]] {
+        let output = spindoe(dir.path(), &[&["advise", "--golf"], flag].concat());
+        assert_eq!(output.status.code(), Some(2));
+    }
+    let output = spindoe(dir.path(), &["advise", "--strobe-ms", "0,1"]);
+    assert_eq!(output.status.code(), Some(2));
 }

@@ -7,7 +7,9 @@ use std::str::FromStr;
 
 use serde_json::json;
 
-use super::{Arguments, follow, inputs};
+#[cfg(feature = "plot")]
+use super::overlay;
+use super::{Arguments, Pictures, follow, inputs};
 use crate::cli::images::{order_warning, read_balls};
 use crate::cli::output::Counter;
 use crate::error::{Error, Result};
@@ -19,8 +21,6 @@ use crate::vision::estimator::{
 };
 use report::{Report, ball_json, sort_from_left, strobe_json, strobe_numbers};
 
-/// The fastest golf spin that is considered: 15 000 rpm.
-pub(super) const GOLF_RPS: f64 = 250.0;
 /// A golf ball's radius over the distances of a launch monitor's camera, 0.4 to 0.6 m: their middle and a standard deviation.
 const GOLF_CAMERA: CameraDistance = CameraDistance {
     inverse_distance: 0.0434,
@@ -66,11 +66,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let config = arguments.batch()?;
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
-    let counter = Counter::new(0, "frames");
-    let shown = |done| counter.set(done as u64);
+    #[cfg(feature = "plot")]
+    let overlay = arguments.overlay.as_deref().map(overlay::Target::new);
+    #[cfg(feature = "plot")]
+    let overlay = overlay.transpose()?;
+    let pictures = Pictures {
+        #[cfg(feature = "plot")]
+        wanted: overlay.is_some(),
+        #[cfg(not(feature = "plot"))]
+        wanted: false,
+        counter: Counter::new(0, "frames"),
+    };
     let images = &arguments.images;
-    let mut batch = estimate_ball_inputs(&estimator, images, &config, strobe.as_ref(), shown)?;
-    counter.finish();
+    let mut batch = estimate_ball_inputs(&estimator, images, &config, strobe.as_ref(), &pictures)?;
+    pictures.counter.finish();
     if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.frame.name.as_str())) {
         errln!("spindoe: {warning}");
     }
@@ -78,6 +87,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         inputs::say_not_increasing();
     }
     let report = Report::new(arguments, &mut batch, strobe.as_ref())?;
+    #[cfg(feature = "plot")]
+    if let Some(target) = overlay {
+        let frame = |k: usize| report.drawn(k, estimator.estimators());
+        target.draw(report.times(), report.frames(), frame)?;
+    }
     let text = report.to_csv();
     if let (Some(mut file), Some(path)) = (file, &arguments.output) {
         file.write_all(text.as_bytes())
@@ -101,19 +115,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
 
 /// The flashes, where a frame is an exposure with several.
 fn strobe(arguments: &Arguments) -> Result<Option<Strobe>> {
-    if arguments.strobe_ms.is_empty() {
+    let Some(flashes) = &arguments.strobe_ms else {
         return Ok(None);
-    }
-    if arguments.table.len() > 1 {
-        let problem = "expected one table with --strobe-ms: the images are of one ball";
-        return Err(Error::argument("--table", problem));
-    }
+    };
     let spin = SpinConfig {
         max_rps: arguments.max_spin_rps(),
         ..SpinConfig::default()
     };
-    let times = arguments.strobe_ms.iter().map(|ms| 1e-3 * ms).collect();
-    Strobe::new(times, arguments.flight, spin).map(Some)
+    Strobe::new(flashes.times_s.clone(), arguments.flight, spin).map(Some)
 }
 
 fn follow_balls(
@@ -133,7 +142,7 @@ fn follow_balls(
     follow::each_frame(arguments, |image, number, time_s, arrived| {
         let budget = max_latency.map_or_else(Budget::default, Budget::within);
         let mut balls = match strobe {
-            Some(strobe) => estimator.estimate_strobed(image, region, strobe, &budget, &mut ws)?,
+            Some(strobe) => estimator.estimate_strobed(image, region, strobe, &budget, &mut ws),
             None => {
                 let expected = tracks.expected(time_s);
                 estimator.estimate(image, region, &expected, &budget, &mut ws)

@@ -17,6 +17,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::flashes::Flashes;
 use super::images::{ImageArguments, order_warning, read_balls, unused_warning};
 use super::output::{Counter, one_of};
 use crate::ball::Ball;
@@ -27,10 +28,10 @@ use crate::geometry::CameraFrame;
 use crate::image::{DEFAULT_MAX_PIXELS, RgbImage};
 use crate::source::pipe::PipeFormat;
 use crate::spin::estimate::MotionModel;
-use crate::spin::golf::Flight;
+use crate::spin::golf::{self, Flight};
 use crate::vision::estimator::{
-    Batch, BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome, SequenceRows,
-    SequenceSmears, estimate_inputs,
+    BallEstimate, Batch, BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome,
+    SequenceRows, SequenceSmears, estimate_inputs,
 };
 use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
 use output::{Evidence, Report};
@@ -130,16 +131,15 @@ pub struct Arguments {
         conflicts_with_all = ONE_BALL
     )]
     balls: Option<balls::Count>,
-    /// Flashes of one exposure, milliseconds, ascending: a frame shows one ball once for each flash, and its spin follows from these
+    /// Flashes of one exposure, milliseconds, ascending, or PERIODxN, as in 0.7x3: a frame shows one ball once for each flash, and its spin follows from these
     /// images alone. Rows have the times of their flashes and a column flash.
     #[arg(
         long,
         value_name = "MS,MS..",
-        value_delimiter = ',',
-        allow_negative_numbers = true,
+        allow_hyphen_values = true,
         conflicts_with_all = ONE_BALL
     )]
-    strobe_ms: Vec<f64>,
+    strobe_ms: Option<Flashes>,
     /// Direction in which a strobed ball flies across the picture [default: by the images; where they leave it open, both are
     /// reported].
     #[arg(
@@ -213,7 +213,6 @@ const FILES_ONLY: [&str; 4] = ["output", "times", "no_sequence", "json"];
 /// What is for one ball alone.
 #[cfg(feature = "plot")]
 const ONE_BALL: &[&str] = &[
-    "overlay",
     "report",
     "calibrate",
     "circle",
@@ -247,7 +246,7 @@ impl BatchObserver for Pictures {
 
     #[cfg(feature = "plot")]
     fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<Picture> {
-        overlay::picture(image, estimate).map(Some)
+        overlay::picture(image, estimate.circle.into_iter()).map(Some)
     }
 
     #[cfg(not(feature = "plot"))]
@@ -264,8 +263,30 @@ impl BatchObserver for Pictures {
     }
 }
 
+impl BatchObserver<[BallEstimate]> for Pictures {
+    type Kept = Picture;
+
+    #[cfg(feature = "plot")]
+    fn keep(&self, image: &RgbImage, balls: &[BallEstimate]) -> Result<Picture> {
+        overlay::picture(image, balls.iter().filter_map(BallEstimate::circle)).map(Some)
+    }
+
+    #[cfg(not(feature = "plot"))]
+    fn keep(&self, _: &RgbImage, _: &[BallEstimate]) -> Result<Picture> {
+        Ok(None)
+    }
+
+    fn wants_images(&self) -> bool {
+        self.wanted
+    }
+
+    fn progress(&self, frames: usize) {
+        self.counter.set(frames as u64);
+    }
+}
+
 pub fn run(arguments: &Arguments) -> Result<()> {
-    if arguments.balls.is_some() || !arguments.strobe_ms.is_empty() {
+    if arguments.balls.is_some() || arguments.strobe_ms.is_some() {
         return balls::run(arguments);
     }
     if arguments.follow {
@@ -321,7 +342,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     #[cfg(feature = "plot")]
     if let Some(target) = overlay {
-        target.draw(&estimators[judgment.table()], &batch)?;
+        let estimator = &estimators[judgment.table()];
+        let frame = |k: usize| overlay::one_ball(estimator, &batch.frames[k]);
+        target.draw(&batch.times, batch.frames.len(), frame)?;
     }
     let frame = arguments.frame()?;
     let smears = arguments.smears(&estimators[judgment.table()], frame, &batch);
@@ -454,7 +477,7 @@ impl Arguments {
 
     /// The maximum spin considered, revolutions per second.
     fn max_spin_rps(&self) -> f64 {
-        let usual = if self.golf { balls::GOLF_RPS } else { 175.0 };
+        let usual = if self.golf { golf::MAX_RPS } else { 175.0 };
         self.max_spin_rps.unwrap_or(usual)
     }
 

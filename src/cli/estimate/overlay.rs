@@ -9,8 +9,9 @@ use super::{Picture, output};
 use crate::error::Result;
 use crate::files::Replacement;
 use crate::image::RgbImage;
-use crate::plot::{self, OverlayFrame};
-use crate::vision::estimator::{Batch, BatchFrame, TimeSource};
+use crate::plot::{self, OverlayFrame, OverlayOutline};
+use crate::vision::camera::BallCircle;
+use crate::vision::estimator::{BatchFrame, TimeSource};
 use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel};
 
 /// Maximum side of a frame that is drawn whole, pixels; larger frames are cropped around the ball.
@@ -20,52 +21,84 @@ const SHEET: &str = "contact_sheet.png";
 /// Half the side of the crop around a ball, in radii.
 const AROUND: f64 = 1.4;
 
-/// The drawn part of a frame, and the corner at which it was cropped.
+/// The drawn part of a frame with these balls, and the corner at which it was cropped.
 pub(super) fn picture(
     image: &RgbImage,
-    estimate: &FrameEstimate,
+    balls: impl Iterator<Item = BallCircle> + Clone,
 ) -> Result<(RgbImage, usize, usize)> {
     let whole = image.width().max(image.height()) <= WHOLE;
-    match estimate.circle {
-        Some(circle) if !whole => {
-            let corner = |x: f64| (x - AROUND * circle.radius).max(0.0) as usize;
-            let side = (2.0 * AROUND * circle.radius).ceil() as usize + 1;
-            let left = corner(circle.center.u).min(image.width() - 1);
-            let top = corner(circle.center.v).min(image.height() - 1);
-            Ok((image.part(left, top, side, side)?, left, top))
-        }
-        _ => Ok((image.clone(), 0, 0)),
+    if whole || balls.clone().next().is_none() {
+        return Ok((image.clone(), 0, 0));
     }
+    let span = |of: fn(&BallCircle) -> f64, size: usize| {
+        let low = balls.clone().map(|b| of(&b) - AROUND * b.radius);
+        let high = balls.clone().map(|b| of(&b) + AROUND * b.radius);
+        let low = low.fold(f64::INFINITY, f64::min).max(0.0) as usize;
+        let high = high.fold(0.0, f64::max).ceil() as usize + 1;
+        let low = low.min(size - 1);
+        (low, high.clamp(low + 1, size) - low)
+    };
+    let (left, width) = span(|b| b.center.u, image.width());
+    let (top, height) = span(|b| b.center.v, image.height());
+    Ok((image.part(left, top, width, height)?, left, top))
 }
 
-/// A frame with what is drawn on it; `None` where no picture was kept.
+/// A ball that is drawn: its estimate, by which estimator, and its number where there are several.
+pub(super) type DrawnBall<'a> = (
+    &'a FrameEstimate,
+    &'a Estimator<NamedDetector>,
+    Option<usize>,
+);
+
+/// A frame with what is drawn on it; without a picture where none was kept.
 pub(super) fn drawn(
-    estimator: &Estimator<NamedDetector>,
-    shown: &BatchFrame<Picture>,
-) -> Option<OverlayFrame> {
-    let frame = &shown.estimate;
-    let (image, left, top) = shown.kept.as_ref()?;
+    name: &str,
+    words: String,
+    kept: &Picture,
+    balls: &[DrawnBall<'_>],
+) -> OverlayFrame {
+    let mut drawn = OverlayFrame {
+        words,
+        refused: balls.iter().all(|(frame, ..)| frame.pose().is_none()),
+        ..OverlayFrame::without_picture(name)
+    };
+    let Some((image, left, top)) = kept else {
+        return drawn;
+    };
     let place = |p: Pixel| Pixel {
         u: p.u - *left as f64,
         v: p.v - *top as f64,
     };
-    Some(OverlayFrame {
-        name: shown.name.clone(),
-        words: output::words(frame),
-        refused: frame.pose().is_none(),
-        image: image.clone(),
-        outline: frame.circle.map(|c| (place(c.center), c.radius)),
-        dots: (frame.dots.iter().zip(&frame.assignment))
-            .map(|(dot, name)| plot::OverlayDot {
-                pixel: place(dot.pixel),
-                probability: dot.probability,
-                named: name.is_some(),
-            })
-            .collect(),
-        expected: (estimator.expected_dots(frame).into_iter())
-            .map(|(number, pixel, z)| (number, place(pixel), z))
-            .collect(),
-    })
+    drawn.image = image.clone();
+    for (frame, estimator, number) in balls {
+        let outline = frame.circle.map(|c| OverlayOutline {
+            center: place(c.center),
+            radius: c.radius,
+            number: *number,
+        });
+        drawn.outlines.extend(outline);
+        let dots = frame.dots.iter().zip(&frame.assignment);
+        drawn.dots.extend(dots.map(|(dot, name)| plot::OverlayDot {
+            pixel: place(dot.pixel),
+            probability: dot.probability,
+            named: name.is_some(),
+        }));
+        let expected = estimator.expected_dots(frame).into_iter();
+        drawn
+            .expected
+            .extend(expected.map(|(number, pixel, z)| (number, place(pixel), z)));
+    }
+    drawn
+}
+
+/// A frame of one ball.
+pub(super) fn one_ball(
+    estimator: &Estimator<NamedDetector>,
+    shown: &BatchFrame<Picture>,
+) -> OverlayFrame {
+    let frame = &shown.estimate;
+    let words = output::words(frame);
+    drawn(&shown.name, words, &shown.kept, &[(frame, estimator, None)])
 }
 
 /// Where overlays go.
@@ -88,14 +121,19 @@ impl Target {
         Replacement::begin(path).map(Self::Folder)
     }
 
-    /// Draws all frames.
-    pub fn draw(self, estimator: &Estimator<NamedDetector>, batch: &Batch<Picture>) -> Result<()> {
+    /// Draws so many frames, whose times are from `times`.
+    pub fn draw(
+        self,
+        times: &TimeSource,
+        count: usize,
+        frame: impl Fn(usize) -> OverlayFrame + Sync,
+    ) -> Result<()> {
         match self {
             Self::Folder(set) => {
-                draw(set.path(), estimator, batch)?;
+                draw(set.path(), count, &frame)?;
                 set.publish(&[], &[], SHEET)
             }
-            Self::Video(writer) => write_video(writer, estimator, batch),
+            Self::Video(writer) => write_video(writer, times, count, &frame),
         }
     }
 }
@@ -110,10 +148,11 @@ const VIDEO_CHUNK: usize = 16;
 
 fn write_video(
     writer: VideoWriter,
-    estimator: &Estimator<NamedDetector>,
-    batch: &Batch<Picture>,
+    times: &TimeSource,
+    count: usize,
+    frame: &(impl Fn(usize) -> OverlayFrame + Sync),
 ) -> Result<()> {
-    let rate = match &batch.times {
+    let rate = match times {
         TimeSource::Names { fps } => *fps,
         TimeSource::Rate { fps } => Some(*fps),
         TimeSource::Video(clock) => Some(clock.stored_fps),
@@ -123,17 +162,11 @@ fn write_video(
     let empty = plot::OverlayFrame::without_picture("");
     let size = plot::overlay_pixels(&empty, VIDEO_SIDE)?.size;
     let mut video = writer.begin(size, fps)?;
-    for frames in batch.frames.chunks(VIDEO_CHUNK) {
-        let one = |shown: &BatchFrame<Picture>| {
-            // A frame that cannot be read keeps its time in the video.
-            let drawn = drawn(estimator, shown);
-            let drawn = drawn.unwrap_or_else(|| OverlayFrame {
-                words: output::words(&shown.estimate),
-                ..OverlayFrame::without_picture(&shown.name)
-            });
-            plot::overlay_pixels(&drawn, VIDEO_SIDE)
-        };
-        let pixels: Result<Vec<_>> = frames.par_iter().map(one).collect();
+    for begin in (0..count).step_by(VIDEO_CHUNK) {
+        // A frame that cannot be read keeps its time in the video.
+        let one = |k: usize| plot::overlay_pixels(&frame(k), VIDEO_SIDE);
+        let chunk = begin..(begin + VIDEO_CHUNK).min(count);
+        let pixels: Result<Vec<_>> = chunk.into_par_iter().map(one).collect();
         for frame in pixels? {
             video.write(&frame.values)?;
         }
@@ -141,16 +174,17 @@ fn write_video(
     video.finish()
 }
 
-/// Draws all frames, and the sheets.
-fn draw(dir: &Path, estimator: &Estimator<NamedDetector>, batch: &Batch<Picture>) -> Result<()> {
-    let one = |(k, shown): (usize, &BatchFrame<Picture>)| {
-        let Some(drawn) = drawn(estimator, shown) else {
+/// Draws all frames that have a picture, and the sheets.
+fn draw(dir: &Path, count: usize, frame: &(impl Fn(usize) -> OverlayFrame + Sync)) -> Result<()> {
+    let one = |k: usize| {
+        let drawn = frame(k);
+        if drawn.image.values().is_empty() {
             return Ok(None);
-        };
+        }
         plot::frame_overlay(&dir.join(file_name(k, &drawn.name)), &drawn)?;
         Ok(Some(drawn))
     };
-    let drawn: Result<Vec<_>> = batch.frames.par_iter().enumerate().map(one).collect();
+    let drawn: Result<Vec<_>> = (0..count).into_par_iter().map(one).collect();
     let frames: Vec<OverlayFrame> = drawn?.into_iter().flatten().collect();
     let sheet = |(k, sheet): (usize, &[OverlayFrame])| {
         let name = match k {

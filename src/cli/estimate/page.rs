@@ -25,9 +25,8 @@ pub(super) fn write(
         report.orientations(),
         spin.as_ref(),
         |shown| {
-            overlay::drawn(estimator, shown)
-                .map(|frame| frame_thumbnail(&frame))
-                .transpose()
+            let drawn = || frame_thumbnail(&overlay::one_ball(estimator, shown));
+            shown.kept.as_ref().map(|_| drawn()).transpose()
         },
     )?;
     files::write_bytes(path, page.html()?.as_bytes())

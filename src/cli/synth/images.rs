@@ -159,11 +159,10 @@ impl Arguments {
 
     /// The flashes of each image, where there are several.
     fn strobe(&self) -> Result<Option<StrobeConfig>> {
-        if self.strobe_ms.is_empty() {
+        let Some(flashes) = &self.strobe_ms else {
             return Ok(None);
-        }
-        let times = self.strobe_ms.iter().map(|ms| 1e-3 * ms).collect();
-        let mut strobe = StrobeConfig::new(times);
+        };
+        let mut strobe = StrobeConfig::new(flashes.times_s.clone());
         strobe.overlap = self.overlap.unwrap_or(strobe.overlap);
         if self.preset() == Preset::Golf && self.rps.is_none() {
             strobe = strobe.with_golf_spin();
@@ -173,10 +172,10 @@ impl Arguments {
     }
 
     fn preset(&self) -> Preset {
-        let usual = match (self.is_clip(), self.strobe_ms.is_empty()) {
+        let usual = match (self.is_clip(), self.strobe_ms.is_some()) {
             (true, _) => Preset::Sample,
-            (false, true) => Preset::All,
-            (false, false) => Preset::Golf,
+            (false, false) => Preset::All,
+            (false, true) => Preset::Golf,
         };
         self.preset.clone().unwrap_or(usual)
     }

@@ -11,6 +11,8 @@ use clap::{ArgMatches, Args, ValueEnum};
 
 #[cfg(feature = "vision")]
 use super::camera::CameraSource;
+#[cfg(feature = "vision")]
+use super::flashes::Flashes;
 use super::output::{one_of, reject_foreign, unit};
 use crate::ball::Ball;
 use crate::error::{Error, Result};
@@ -89,15 +91,11 @@ pub struct Arguments {
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "MS", allow_negative_numbers = true)]
     readout_ms: Option<f64>,
-    /// Flashes of one exposure, milliseconds, ascending: each image shows the ball once for each flash, on its way across.
+    /// Flashes of one exposure, milliseconds, ascending, or PERIODxN, as in 0.7x3: each image shows the ball once for each flash, on
+    /// its way across.
     #[cfg(feature = "vision")]
-    #[arg(
-        long,
-        value_name = "MS,MS..",
-        value_delimiter = ',',
-        allow_negative_numbers = true
-    )]
-    strobe_ms: Vec<f64>,
+    #[arg(long, value_name = "MS,MS..", allow_hyphen_values = true)]
+    strobe_ms: Option<Flashes>,
     /// Part of the diameter that the nearest images of a strobed ball share: one number, or LOW,HIGH; negative where they are
     /// apart [default: 0,0.6].
     #[cfg(feature = "vision")]
@@ -194,9 +192,9 @@ impl Arguments {
     /// What is made.
     fn content(&self) -> Content {
         #[cfg(feature = "vision")]
-        let usual = match self.strobe_ms.is_empty() {
-            true => Content::Clip,
-            false => Content::Images,
+        let usual = match self.strobe_ms.is_some() {
+            false => Content::Clip,
+            true => Content::Images,
         };
         #[cfg(not(feature = "vision"))]
         let usual = Content::Dots;

@@ -28,7 +28,7 @@ use crate::image::{ImageView, Roi};
 use crate::vision::camera::BallCircle;
 use crate::vision::circle::{BallFinder, BallFit, Polarity, WHOLE};
 use crate::vision::detect::{DotDetector, LIKELY_DOT};
-use crate::vision::verdict::Scorer;
+use crate::vision::verdict::{MAX_LEAD, Scorer};
 use found::{Found, largest, shares};
 
 /// Balls of a frame, at most, and circles that are tried.
@@ -174,10 +174,8 @@ impl<D: DotDetector> BallsEstimator<D> {
         found.all()
     }
 
-    /// Estimates all images of one ball in an exposure with several flashes: where one is missing, it is looked for where the others lead.
-    ///
-    /// # Errors
-    /// [`crate::Error::Argument`] with several tables: the images are of one ball.
+    /// Estimates all images of one ball in an exposure with several flashes: where one is missing, it is looked for where the others lead;
+    /// of several tables all images have the one that explains them best together.
     pub fn estimate_strobed<'a>(
         &self,
         image: impl Into<ImageView<'a>>,
@@ -185,10 +183,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         strobe: &Strobe,
         budget: &Budget,
         ws: &mut BallsWorkspace<'_, D>,
-    ) -> Result<Vec<BallEstimate>> {
-        let tables = self.estimators.len();
-        let expected = "one with several flashes, whose images are of one ball";
-        require(tables == 1, "table", expected, tables)?;
+    ) -> Vec<BallEstimate> {
         let image = image.into();
         let balls = self.estimate(image, region, &[], budget, ws);
         let expected = strobe.expected(&balls);
@@ -199,7 +194,42 @@ impl<D: DotDetector> BallsEstimator<D> {
             limit: self.count.unwrap_or(MAX_BALLS),
         };
         self.look_at(image, &expected, budget, &mut found, ws);
-        Ok(found.all())
+        let mut balls = found.all();
+        if !ws.scorers.is_empty() {
+            self.agree(image, &mut balls, budget, ws);
+        }
+        balls
+    }
+
+    /// Images of one ball: their tables' probabilities multiply, and all are estimated by the likeliest table.
+    fn agree(
+        &self,
+        image: ImageView<'_>,
+        balls: &mut [BallEstimate],
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_, D>,
+    ) {
+        let ln = |ball: &BallEstimate, table: usize| ball.tables[table].ln().max(-MAX_LEAD);
+        let all = 0..self.estimators.len();
+        let sums: Vec<f64> = all
+            .map(|table| balls.iter().map(|ball| ln(ball, table)).sum())
+            .collect();
+        let tables = shares(&sums);
+        let best = largest(&tables);
+        for ball in balls {
+            let is_by_best = ball.table == best && ball.frame.pose().is_some();
+            if let Some(circle) = ball.circle().filter(|_| !is_by_best) {
+                let likely = (OutlinePrior::given(circle), Standing::Likely);
+                let mut again = FrameEstimate::default();
+                self.estimate_at(image, best, likely, budget, ws, &mut again);
+                ball.frame = again;
+            } else if let Ok(pose) = &mut ball.frame.outcome {
+                // Its own share of the table is in its confidence.
+                pose.confidence /= ball.tables[best];
+            }
+            (ball.table, ball.tables) = (best, tables.clone());
+            self.weigh(ball);
+        }
     }
 
     /// Looks for balls where they are expected and none is known.

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 
 use super::batch::set_times;
 use super::{
-    BallEstimate, BallsEstimator, BatchConfig, BatchFrame, FrameEstimate, FrameRejection, Strobe,
-    TimeSource,
+    BallEstimate, BallsEstimator, BatchConfig, BatchFrame, BatchObserver, FrameEstimate,
+    FrameRejection, Strobe, TimeSource,
 };
 use crate::concurrency;
 use crate::error::{Error, Result};
@@ -21,18 +21,18 @@ const CHUNK: usize = 8;
 
 /// A frame and its balls.
 #[derive(Debug)]
-pub struct BallsFrame {
+pub struct BallsFrame<K> {
     /// The frame; its own estimate is not processed.
-    pub frame: BatchFrame<()>,
+    pub frame: BatchFrame<K>,
     /// Its balls, those with a pose first.
     pub balls: Vec<BallEstimate>,
 }
 
 /// The frames of some inputs.
 #[derive(Debug)]
-pub struct BallsBatch {
+pub struct BallsBatch<K> {
     /// In the order of the inputs.
-    pub frames: Vec<BallsFrame>,
+    pub frames: Vec<BallsFrame<K>>,
     /// Where the times came from.
     pub times: TimeSource,
     /// Files of the folders that are no images.
@@ -41,7 +41,7 @@ pub struct BallsBatch {
     pub cut_short: Vec<(PathBuf, String)>,
 }
 
-impl BallsBatch {
+impl<K> BallsBatch<K> {
     /// Whether all of several frames have a time, but these do not increase.
     pub fn is_disordered(&self) -> bool {
         let all_timed = self.frames.iter().all(|f| f.frame.time_s.is_some());
@@ -56,17 +56,17 @@ impl BallsBatch {
 }
 
 /// Estimates all balls of the frames of files, folders and videos. Of the settings the region, the clock, the budget and the
-/// pictures' size hold; with `strobe` each frame is an exposure of one ball. `progress` hears how many frames are done.
+/// pictures' size hold; with `strobe` each frame is an exposure of one ball.
 ///
 /// # Errors
 /// [`Error::Read`] and [`Error::Input`] for inputs without a frame that can be read, or times that the frames lack.
-pub fn estimate_ball_inputs<D: DotDetector + Sync>(
+pub fn estimate_ball_inputs<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>>(
     estimator: &BallsEstimator<D>,
     inputs: &[PathBuf],
     config: &BatchConfig,
     strobe: Option<&Strobe>,
-    progress: impl Fn(usize),
-) -> Result<BallsBatch> {
+    observer: &O,
+) -> Result<BallsBatch<O::Kept>> {
     let listed = files::list_sources(inputs)?;
     let (mut frames, mut clock, mut first_error) = (Vec::new(), None, None);
     let mut cut_short = Vec::new();
@@ -85,7 +85,9 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync>(
             }
             let is_last = read.len() < at_once;
             let chunks: Vec<&[Frame]> = read.chunks(CHUNK).collect();
-            let done = concurrency::map(&chunks, |chunk| work(estimator, config, strobe, chunk));
+            let done = concurrency::map(&chunks, |chunk| {
+                work(estimator, config, strobe, observer, chunk)
+            });
             for one in done
                 .into_iter()
                 .collect::<Result<Vec<_>>>()?
@@ -95,7 +97,7 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync>(
                 first_error = first_error.or_else(|| one.frame.unreadable.clone());
                 frames.push(one);
             }
-            progress(frames.len());
+            observer.progress(frames.len());
             if is_last {
                 break;
             }
@@ -106,7 +108,7 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync>(
         }
         let scale = end.clock.map_or(1.0, |clock| clock.time_scale());
         let timed = frames[begun..].iter_mut();
-        for time_s in timed.filter_map(|f: &mut BallsFrame| f.frame.time_s.as_mut()) {
+        for time_s in timed.filter_map(|f: &mut BallsFrame<_>| f.frame.time_s.as_mut()) {
             *time_s *= scale;
         }
         clock = end.clock.or(clock);
@@ -129,12 +131,13 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync>(
     })
 }
 
-fn work<D: DotDetector>(
+fn work<D: DotDetector, O: BatchObserver<[BallEstimate]>>(
     estimator: &BallsEstimator<D>,
     config: &BatchConfig,
     strobe: Option<&Strobe>,
+    observer: &O,
     frames: &[Frame],
-) -> Result<Vec<BallsFrame>> {
+) -> Result<Vec<BallsFrame<O::Kept>>> {
     let mut ws = estimator.workspace()?;
     let one = |frame: &Frame| {
         let mut done = BatchFrame {
@@ -145,7 +148,7 @@ fn work<D: DotDetector>(
             estimate: FrameEstimate::default(),
             size: None,
             unreadable: None,
-            kept: (),
+            kept: O::Kept::default(),
         };
         let picture = match &frame.picture {
             Ok(picture) => picture,
@@ -166,9 +169,12 @@ fn work<D: DotDetector>(
         };
         let budget = &config.budget;
         let balls = match strobe {
-            Some(strobe) => estimator.estimate_strobed(image, region, strobe, budget, &mut ws)?,
+            Some(strobe) => estimator.estimate_strobed(image, region, strobe, budget, &mut ws),
             None => estimator.estimate(image, region, &[], budget, &mut ws),
         };
+        if observer.wants_images() {
+            done.kept = observer.keep(&*picture.to_rgb()?, &balls)?;
+        }
         Ok(BallsFrame { frame: done, balls })
     };
     frames.iter().map(one).collect()

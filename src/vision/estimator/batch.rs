@@ -162,8 +162,8 @@ impl TimeSource {
     }
 }
 
-/// Sees every frame while its image is there; see [`estimate_inputs`].
-pub trait BatchObserver: Sync {
+/// Sees every frame while its image is there; see [`estimate_inputs`]. `E` is what is estimated of a frame.
+pub trait BatchObserver<E: ?Sized = FrameEstimate>: Sync {
     /// What is kept of an image; the default where there is none, since the file cannot be read or
     /// [`BatchObserver::wants_images`] says no.
     type Kept: Send + Default;
@@ -172,7 +172,7 @@ pub trait BatchObserver: Sync {
     ///
     /// # Errors
     /// Those of the observer; they end the batch.
-    fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<Self::Kept>;
+    fn keep(&self, image: &RgbImage, estimate: &E) -> Result<Self::Kept>;
 
     /// Whether [`BatchObserver::keep`] is to be called: colors take memory.
     fn wants_images(&self) -> bool {
@@ -184,10 +184,10 @@ pub trait BatchObserver: Sync {
 }
 
 /// Keeps nothing, says nothing.
-impl BatchObserver for () {
+impl<E: ?Sized> BatchObserver<E> for () {
     type Kept = ();
 
-    fn keep(&self, _: &RgbImage, _: &FrameEstimate) -> Result<()> {
+    fn keep(&self, _: &RgbImage, _: &E) -> Result<()> {
         Ok(())
     }
 

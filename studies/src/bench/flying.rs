@@ -15,7 +15,7 @@ use spindoe_studies::score::mean;
 use spindoe_studies::table::{Table, figure};
 use spindoe_studies::{Outcome, row};
 
-use super::strobe::is_at;
+use spindoe::camera::is_at;
 
 /// The tables that a ball may have.
 const TABLES: [&str; 3] = [

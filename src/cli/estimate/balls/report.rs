@@ -2,12 +2,16 @@
 
 use serde_json::{Value, json};
 
-use crate::cli::estimate::{Arguments, inputs, output};
+#[cfg(feature = "plot")]
+use crate::cli::estimate::overlay;
+use crate::cli::estimate::{Arguments, Picture, inputs, output};
 use crate::cli::spin::LISTED_BEYOND;
 use crate::cli::spin_summary;
 use crate::error::Result;
 use crate::files::csv::shown;
 use crate::geometry::CameraFrame;
+#[cfg(feature = "plot")]
+use crate::plot::OverlayFrame;
 use crate::spin::alias::AliasConfig;
 use crate::spin::estimate::{MotionModel, SpinEstimate};
 use crate::spin::golf::{Flight, GolfSpin};
@@ -18,6 +22,11 @@ use crate::spin::{Fit, SpinRejection};
 use crate::vision::estimator::{
     BallEstimate, BallsBatch, NamedFrame, Strobe, StrobeHypothesis, number_balls, orientations,
 };
+
+#[cfg(feature = "plot")]
+use crate::vision::estimator::TimeSource;
+#[cfg(feature = "plot")]
+use crate::vision::{Estimator, NamedDetector};
 
 /// Other hypotheses of an exposure that are named in words.
 const MAX_NAMED: usize = 3;
@@ -45,7 +54,10 @@ struct Followed {
 pub(super) struct Report<'a> {
     arguments: &'a Arguments,
     shown_in: CameraFrame,
-    batch: &'a BallsBatch,
+    batch: &'a BallsBatch<Picture>,
+    /// For each frame its balls, and their numbers.
+    balls: Vec<Vec<BallEstimate>>,
+    numbers: Vec<Vec<Option<usize>>>,
     /// For each frame its balls in the order of their numbers.
     rows: Vec<Vec<Row>>,
     /// The balls of a sequence by number.
@@ -57,7 +69,7 @@ pub(super) struct Report<'a> {
 impl<'a> Report<'a> {
     pub fn new(
         arguments: &'a Arguments,
-        batch: &'a mut BallsBatch,
+        batch: &'a mut BallsBatch<Picture>,
         strobe: Option<&Strobe>,
     ) -> Result<Self> {
         let shown_in = arguments.frame()?;
@@ -80,16 +92,19 @@ impl<'a> Report<'a> {
             arguments,
             shown_in,
             batch,
+            balls: Vec::new(),
+            numbers: Vec::new(),
             rows: Vec::new(),
             followed: Vec::new(),
             strobes: Vec::new(),
         };
-        match (numbered, strobe) {
+        this.numbers = match (numbered, strobe) {
             (_, Some(strobe)) => this.read_strobes(&balls, strobe),
             (None, None) => {
                 let from_left = |balls: &Vec<BallEstimate>| (0..balls.len()).map(Some).collect();
                 let numbers: Vec<_> = balls.iter().map(from_left).collect();
                 this.add_rows(&balls, &numbers, None);
+                numbers
             }
             (Some(numbered), None) => {
                 this.add_rows(&balls, &numbered.numbers, Some(&spin));
@@ -97,8 +112,10 @@ impl<'a> Report<'a> {
                     this.followed[number].table = *table;
                     this.followed[number].table_probability = *share;
                 }
+                numbered.numbers
             }
-        }
+        };
+        this.balls = balls;
         Ok(this)
     }
 
@@ -166,8 +183,13 @@ impl<'a> Report<'a> {
         Ok(estimate.summary(&measurements, at_s, &listed, file.rows.len()))
     }
 
-    /// The rows of strobed balls: in order of time, then what the likeliest hypothesis leaves out.
-    fn read_strobes(&mut self, balls: &[Vec<BallEstimate>], strobe: &Strobe) {
+    /// The rows of strobed balls: in order of time, then what the likeliest hypothesis leaves out; the numbers of the balls.
+    fn read_strobes(
+        &mut self,
+        balls: &[Vec<BallEstimate>],
+        strobe: &Strobe,
+    ) -> Vec<Vec<Option<usize>>> {
+        let mut all_numbers = Vec::with_capacity(balls.len());
         for (frame, balls) in self.batch.frames.iter().zip(balls) {
             let found = strobe.read(balls, self.shown_in);
             let numbers = strobe_numbers(balls, &found);
@@ -182,7 +204,7 @@ impl<'a> Report<'a> {
                 rows.push(Row {
                     row,
                     ball: Some(at),
-                    table: None,
+                    table: Some(balls[*image].table),
                     flash: Some(*flash),
                     json,
                 });
@@ -202,7 +224,7 @@ impl<'a> Report<'a> {
                 rows.extend(file.rows.into_iter().map(|row| Row {
                     row,
                     ball: number,
-                    table: None,
+                    table: Some(ball.table),
                     flash: None,
                     json: json.clone(),
                 }));
@@ -210,7 +232,35 @@ impl<'a> Report<'a> {
             self.rows.push(rows);
             let json = strobe_json(self.arguments, strobe, self.shown_in, &found, &numbers);
             self.strobes.push((found, json));
+            all_numbers.push(numbers);
         }
+        all_numbers
+    }
+
+    /// Where the times came from.
+    #[cfg(feature = "plot")]
+    pub fn times(&self) -> &TimeSource {
+        &self.batch.times
+    }
+
+    /// A frame with its balls drawn on it.
+    #[cfg(feature = "plot")]
+    pub fn drawn(&self, k: usize, estimators: &[Estimator<NamedDetector>]) -> OverlayFrame {
+        let frame = &self.batch.frames[k].frame;
+        let balls = self.balls[k].iter().zip(&self.numbers[k]);
+        let drawn = balls
+            .clone()
+            .map(|(ball, number)| (&ball.frame, &estimators[ball.table], *number));
+        let drawn: Vec<overlay::DrawnBall<'_>> = drawn.collect();
+        let words = match (&frame.unreadable, self.strobes.get(k)) {
+            (Some(why), _) => why.clone(),
+            (None, Some((found, _))) => self.strobe_lines(k, found).swap_remove(0),
+            (None, None) => {
+                let posed = balls.filter(|(ball, _)| ball.frame.pose().is_some());
+                format!("{} of {} balls identified", posed.count(), drawn.len())
+            }
+        };
+        overlay::drawn(&frame.name, words, &frame.kept, &drawn)
     }
 
     /// Balls with an orientation.
@@ -320,7 +370,7 @@ impl<'a> Report<'a> {
                 }
             }
             if let Some((found, _)) = self.strobes.get(k) {
-                for line in self.strobe_lines(found) {
+                for line in self.strobe_lines(k, found) {
                     errln!("{name}: {line}");
                 }
             }
@@ -358,11 +408,17 @@ impl<'a> Report<'a> {
         }
     }
 
-    fn strobe_lines(&self, found: &[StrobeHypothesis]) -> Vec<String> {
+    fn strobe_lines(&self, k: usize, found: &[StrobeHypothesis]) -> Vec<String> {
         let Some((first, others)) = found.split_first() else {
             return vec!["fewer than two images of the ball: no spin".into()];
         };
         let mut lines = vec![self.hypothesis_words(first)];
+        let lit = first.lit.first().map(|(image, _)| &self.balls[k][*image]);
+        if let Some(ball) = lit.filter(|_| self.arguments.table.len() > 1) {
+            let name = table_name(self.arguments, ball.table);
+            let share = ball.tables.get(ball.table).copied().unwrap_or(f64::NAN);
+            lines[0] = format!("ball of {name} ({share:.4}), {}", lines[0]);
+        }
         if !others.is_empty() {
             lines[0].push_str(&format!(", probability {:.2}", first.probability));
         }
