@@ -11,6 +11,7 @@ use super::places::Places;
 use crate::error::Result;
 use crate::image::RgbImage;
 use crate::vision::Pixel;
+use crate::vision::camera::BallCircle;
 
 /// About the side of a small frame's overlay, file pixels.
 pub const OVERLAY_SIDE: u32 = 360;
@@ -59,10 +60,8 @@ pub struct OverlayDot {
 /// A ball's outline to draw.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OverlayOutline {
-    /// Its center, pixels of the picture.
-    pub center: Pixel,
-    /// Its radius, pixels.
-    pub radius: f64,
+    /// Pixels of the picture.
+    pub circle: BallCircle,
     /// The ball's number, where there are several.
     pub number: Option<usize>,
 }
@@ -256,14 +255,8 @@ fn draw_marks(
     };
     let inside = |p: &Pixel| p.u > -0.5 && p.v > -0.5 && p.u < width - 0.5 && p.v < height - 0.5;
     let thin = canvas::stroke(OUTLINE, 1.0);
-    for OverlayOutline { center, radius, .. } in &frame.outlines {
-        let points = (0..=180).map(|k| {
-            let (s, c) = (f64::from(k) * 2f64.to_radians()).sin_cos();
-            Pixel {
-                u: center.u + radius * c,
-                v: center.v + radius * s,
-            }
-        });
+    for outline in &frame.outlines {
+        let points = (0..=180).map(|k| outline.circle.rim(f64::from(k) * 2f64.to_radians()));
         // Drawn in pieces, where it lies within the picture.
         let points: Vec<Pixel> = points.collect();
         for pair in points.windows(2).filter(|w| w.iter().all(inside)) {
@@ -294,8 +287,8 @@ fn draw_marks(
     // Inside, below the top: no other place is within the picture whenever the ball is.
     for outline in &frame.outlines {
         let below_top = Pixel {
-            u: outline.center.u,
-            v: outline.center.v - 0.85 * outline.radius,
+            u: outline.circle.center.u,
+            v: outline.circle.center.v - 0.85 * outline.circle.radius,
         };
         if let Some(number) = outline.number.filter(|_| inside(&below_top)) {
             tag(area, &number.to_string(), place(&below_top), SMALL, OUTLINE)?;

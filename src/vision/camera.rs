@@ -79,6 +79,19 @@ impl BallCircle {
         !is_zero(&self.eccentricity)
     }
 
+    /// A point of the outline; all of it by angles from 0 to 2 pi, which begin at the longer axis.
+    pub fn rim(&self, angle: f64) -> Pixel {
+        let along = self.eccentricity.try_normalize(1e-12);
+        let along = along.unwrap_or_else(Vector2::x);
+        let longer = self.radius / (1.0 - self.eccentricity.norm_squared()).max(1e-6).sqrt();
+        let (s, c) = angle.sin_cos();
+        let off = longer * c * along + self.radius * s * Vector2::new(-along.y, along.x);
+        Pixel {
+            u: self.center.u + off.x,
+            v: self.center.v + off.y,
+        }
+    }
+
     /// The square of pixels that reaches so many radii from the center, cut at the borders of
     /// an image of this size; `None` where nothing is left.
     pub fn region(&self, reach: f64, width: usize, height: usize) -> Option<Roi> {

@@ -72,8 +72,10 @@ pub(super) fn drawn(
     drawn.image = image.clone();
     for (frame, estimator, number) in balls {
         let outline = frame.circle.map(|c| OverlayOutline {
-            center: place(c.center),
-            radius: c.radius,
+            circle: BallCircle {
+                center: place(c.center),
+                ..c
+            },
             number: *number,
         });
         drawn.outlines.extend(outline);

@@ -55,6 +55,16 @@ fn an_ellipse_is_the_outline_of_a_ball_off_the_axis() {
             radius: b,
             eccentricity: off.normalize() * (1.0 - (b / a).powi(2)).sqrt(),
         };
+        for k in 0..12 {
+            let at = seen.rim(0.5236 * f64::from(k));
+            let off = Vector2::new(at.u - ellipse.center.u, at.v - ellipse.center.v);
+            let (s, c) = ellipse.angle_rad.sin_cos();
+            let (x, y) = (c * off.x + s * off.y, c * off.y - s * off.x);
+            assert!(
+                ((x / a).powi(2) + (y / b).powi(2) - 1.0).abs() < 1e-6,
+                "{k}"
+            );
+        }
         let near = Camera::Near {
             inverse_distance: 1.0 / truth.distance().expect("a pinhole"),
         };
