@@ -4,11 +4,12 @@ use nalgebra::Matrix3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use spindoe::geometry::CameraFrame;
-use spindoe::image::RawPixel;
+use spindoe::image::{ImageView, RawPixel};
 use spindoe::spin::SpinRejection;
 use spindoe::spin::robust::SpinConfig;
 use spindoe::vision::estimator::{
-    BallEstimate, BallsEstimator, Strobe, StrobeHypothesis, number_balls,
+    BallEstimate, BallsEstimator, BallsWorkspace, Strobe, StrobeHypothesis, missing_balls,
+    number_balls,
 };
 use spindoe::vision::{Budget, NamedDetector};
 
@@ -51,19 +52,28 @@ impl Balls {
         pixel: RawPixel,
         strobe: Option<&Strobe>,
     ) -> PyResult<Vec<BallEstimate>> {
+        let (all, budget) = (&self.inner, Budget::default());
+        self.on_image(py, image, pixel, |image, ws| match strobe {
+            Some(strobe) => all.estimate_strobed(image, None, strobe, &budget, ws),
+            None => all.estimate(image, None, &[], &budget, ws),
+        })
+    }
+
+    /// What `work` finds in an image.
+    fn on_image(
+        &self,
+        py: Python<'_>,
+        image: &Bound<'_, PyAny>,
+        pixel: RawPixel,
+        work: impl FnOnce(ImageView<'_>, &mut BallsWorkspace<'_, NamedDetector>) -> Vec<BallEstimate>
+        + Send,
+    ) -> PyResult<Vec<BallEstimate>> {
         let pixels = Pixels::new("image", image)?;
         let samples = pixels.samples("image", pixel)?;
         py.detach(|| {
             let mut buffers = Buffers::default();
             let mut ws = self.inner.workspace()?;
-            let image = samples.view(&mut buffers)?;
-            let budget = Budget::default();
-            Ok(match strobe {
-                Some(strobe) => self
-                    .inner
-                    .estimate_strobed(image, None, strobe, &budget, &mut ws),
-                None => self.inner.estimate(image, None, &[], &budget, &mut ws),
-            })
+            Ok(work(samples.view(&mut buffers)?, &mut ws))
         })
         .or_raise()
     }
@@ -110,6 +120,17 @@ impl Balls {
             self.found(py, image, pixel, None)
         });
         let mut frames = frames.collect::<PyResult<Vec<_>>>()?;
+        let missing = missing_balls(config, &times_s, &frames);
+        for ((image, balls), expected) in images.iter().zip(&mut frames).zip(missing) {
+            if !expected.is_empty() {
+                py.check_signals()?;
+                let before = std::mem::take(balls);
+                *balls = self.on_image(py, image, pixel, |view, ws| {
+                    let budget = Budget::default();
+                    self.inner.look_again(view, before, &expected, &budget, ws)
+                })?;
+            }
+        }
         let numbered = number_balls(config, &times_s, &mut frames);
         let tuples = frames
             .iter()

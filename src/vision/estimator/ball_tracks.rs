@@ -20,7 +20,7 @@ use super::path::OutlineMotion;
 use crate::geometry::Rotation;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
 use crate::spin::{MIN_INTERVAL_S, Measurement};
-use crate::vision::camera::BallCircle;
+use crate::vision::camera::{BallCircle, Pixel};
 
 /// Deviation of a center from its expected place, radii: of a track with a path, and of one seen once.
 const OFF: [f64; 2] = [0.15, 1.5];
@@ -43,6 +43,9 @@ const POSES: usize = 8;
 const LEAST_LN: f64 = -6.0;
 /// Frames from which on a ball with one pose alone is not confirmed.
 const LONG: usize = 5;
+/// Poses from which a ball that is missing in a frame is looked for, and frames before its first and after its last ones.
+const CONFIRMED: usize = 3;
+const BEYOND: usize = 3;
 /// Balls beyond this number are assigned one after the other.
 const MAX_TOGETHER: usize = 7;
 
@@ -320,6 +323,65 @@ pub fn number_balls(
         }
     }
     NumberedBalls { numbers, tables }
+}
+
+/// Where balls of a sequence are missing: for each frame the outlines that those have by the frames before and after it, amid a
+/// gap on the straight line between its ends, and beyond a ball's first and last frames on its path. Balls with fewer than
+/// three poses are not looked for. They are what [`BallsEstimator::look_again`](super::BallsEstimator::look_again) takes.
+pub fn missing_balls(
+    spin: SpinConfig,
+    times_s: &[f64],
+    frames: &[Vec<BallEstimate>],
+) -> Vec<Vec<BallCircle>> {
+    let mut tracks = BallTracks::new(spin);
+    let mut seen: Vec<Vec<(usize, BallCircle)>> = Vec::new();
+    let mut posed: Vec<usize> = Vec::new();
+    for (k, (time_s, balls)) in times_s.iter().zip(frames).enumerate() {
+        let numbers = tracks.update(*time_s, balls);
+        seen.resize(tracks.count(), Vec::new());
+        posed.resize(tracks.count(), 0);
+        for (ball, number) in balls.iter().zip(numbers) {
+            if let (Some(number), Some(circle)) = (number, ball.circle()) {
+                seen[number].push((k, circle));
+                posed[number] += usize::from(ball.frame.pose().is_some());
+            }
+        }
+    }
+    let mut missing = vec![Vec::new(); frames.len()];
+    let confirmed = seen.iter().zip(posed).filter(|(_, n)| *n >= CONFIRMED);
+    for (seen, _) in confirmed {
+        let mut expect = |a: usize, b: usize, k: usize| {
+            let ((from, first), (to, last)) = (seen[a], seen[b]);
+            let share = (times_s[k] - times_s[from]) / (times_s[to] - times_s[from]);
+            missing[k].push(between(&first, &last, share));
+        };
+        for (a, pair) in seen.windows(2).enumerate() {
+            for k in pair[0].0 + 1..pair[1].0 {
+                expect(a, a + 1, k);
+            }
+        }
+        let last = seen.len() - 1;
+        for k in (seen[0].0.saturating_sub(BEYOND)..seen[0].0).rev() {
+            expect(0, 1, k);
+        }
+        for k in seen[last].0 + 1..(seen[last].0 + 1 + BEYOND).min(frames.len()) {
+            expect(last - 1, last, k);
+        }
+    }
+    missing
+}
+
+/// The outline at a part of the way from one to another.
+fn between(a: &BallCircle, b: &BallCircle, share: f64) -> BallCircle {
+    let mix = |a: f64, b: f64| a + (b - a) * share;
+    let center = Pixel {
+        u: mix(a.center.u, b.center.u),
+        v: mix(a.center.v, b.center.v),
+    };
+    BallCircle {
+        eccentricity: a.eccentricity.lerp(&b.eccentricity, share.clamp(0.0, 1.0)),
+        ..BallCircle::new(center, mix(a.radius, b.radius).max(0.5 * a.radius))
+    }
 }
 
 #[cfg(test)]

@@ -187,14 +187,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         let image = image.into();
         let balls = self.estimate(image, region, &[], budget, ws);
         let expected = strobe.expected(&balls);
-        let (posed, rejected) = balls.into_iter().partition(|b| b.frame.pose().is_some());
-        let mut found = Found {
-            balls: posed,
-            rejected,
-            limit: self.count.unwrap_or(MAX_BALLS),
-        };
-        self.look_at(image, &expected, budget, &mut found, ws);
-        let mut balls = found.all();
+        let mut balls = self.look_again(image, balls, &expected, budget, ws);
         if !ws.scorers.is_empty() {
             self.agree(image, &mut balls, budget, ws);
         }
@@ -230,6 +223,25 @@ impl<D: DotDetector> BallsEstimator<D> {
             (ball.table, ball.tables) = (best, tables.clone());
             self.weigh(ball);
         }
+    }
+
+    /// The balls of a frame, and those that are found besides where they are expected.
+    pub fn look_again<'a>(
+        &self,
+        image: impl Into<ImageView<'a>>,
+        balls: Vec<BallEstimate>,
+        expected: &[BallCircle],
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_, D>,
+    ) -> Vec<BallEstimate> {
+        let (balls, rejected) = balls.into_iter().partition(|b| b.frame.pose().is_some());
+        let mut found = Found {
+            balls,
+            rejected,
+            limit: self.count.unwrap_or(MAX_BALLS),
+        };
+        self.look_at(image.into(), expected, budget, &mut found, ws);
+        found.all()
     }
 
     /// Looks for balls where they are expected and none is known.

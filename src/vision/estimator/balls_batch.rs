@@ -1,23 +1,25 @@
 //! All balls of the frames of files, folders and videos.
 //!
-//! Frames are estimated independently on all cores, in the order of the inputs; [`number_balls`](super::number_balls) then gives each
-//! ball its number. A file that cannot be read is a frame without balls and with the reason.
+//! Frames are estimated independently on all cores, in the order of the inputs; balls that are missing amid a sequence are looked for
+//! once more, and [`number_balls`](super::number_balls) then gives each ball its number. A file that cannot be read is a frame without balls and with the reason.
 
 use std::path::PathBuf;
 
-use super::batch::set_times;
+use super::ball_tracks::missing_balls;
+use super::balls::BallsWorkspace;
+use super::batch::{read_all, set_times, sources_with};
 use super::{
     BallEstimate, BallsEstimator, BatchConfig, BatchFrame, BatchObserver, FrameEstimate,
     FrameRejection, Strobe, TimeSource,
 };
-use crate::concurrency;
-use crate::error::{Error, Result};
-use crate::source::files::{self, SkippedFiles, Source};
-use crate::source::{Frame, FrameSource};
-use crate::vision::detect::DotDetector;
 
-/// Frames that one thread estimates after each other in the same memory.
-const CHUNK: usize = 8;
+use crate::error::{Error, Result};
+use crate::image::Picture;
+use crate::pipeline::Sink;
+use crate::source::files::{self, SkippedFiles, Source};
+use crate::source::{Frame, SourceEnd};
+use crate::vision::camera::BallCircle;
+use crate::vision::detect::DotDetector;
 
 /// A frame and its balls.
 #[derive(Debug)]
@@ -56,7 +58,8 @@ impl<K> BallsBatch<K> {
 }
 
 /// Estimates all balls of the frames of files, folders and videos. Of the settings the region, the clock, the budget and the
-/// pictures' size hold; with `strobe` each frame is an exposure of one ball.
+/// pictures' size hold; with `strobe` each frame is an exposure of one ball. Where the frames have times and are a sequence, balls that
+/// are missing are looked for where the frames about them lead.
 ///
 /// # Errors
 /// [`Error::Read`] and [`Error::Input`] for inputs without a frame that can be read, or times that the frames lack.
@@ -67,52 +70,39 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync, O: BatchObserver<[BallEstimat
     strobe: Option<&Strobe>,
     observer: &O,
 ) -> Result<BallsBatch<O::Kept>> {
+    let pass = Pass {
+        estimator,
+        config,
+        strobe,
+        observer,
+    };
     let listed = files::list_sources(inputs)?;
-    let (mut frames, mut clock, mut first_error) = (Vec::new(), None, None);
+    let (mut frames, mut clock) = (Vec::new(), None);
     let mut cut_short = Vec::new();
-    let at_once = CHUNK * concurrency::threads();
-    for source in &listed.sources {
-        let mut open = files::open(source, config.max_pixels)?;
-        let begun = frames.len();
-        loop {
-            let mut read = Vec::with_capacity(at_once);
-            while read.len() < at_once {
-                let mut frame = Frame::default();
-                if !open.next_frame(&mut frame)? {
-                    break;
-                }
-                read.push(frame);
-            }
-            let is_last = read.len() < at_once;
-            let chunks: Vec<&[Frame]> = read.chunks(CHUNK).collect();
-            let done = concurrency::map(&chunks, |chunk| {
-                work(estimator, config, strobe, observer, chunk)
-            });
-            for one in done
-                .into_iter()
-                .collect::<Result<Vec<_>>>()?
-                .into_iter()
-                .flatten()
-            {
-                first_error = first_error.or_else(|| one.frame.unreadable.clone());
-                frames.push(one);
-            }
+    let sources: Vec<&Source> = listed.sources.iter().collect();
+    let read = pass.read(
+        &sources,
+        |_, frame, ws| pass.alone(&frame, ws),
+        |frame| {
+            frames.push(frame);
             observer.progress(frames.len());
-            if is_last {
-                break;
-            }
-        }
-        let end = open.end();
+        },
+    )?;
+    let mut first = 0;
+    for (source, (count, end)) in sources.iter().zip(&read) {
         if let (Source::Video(path), Some(why)) = (source, &end.cut_short) {
             cut_short.push((path.clone(), why.clone()));
         }
         let scale = end.clock.map_or(1.0, |clock| clock.time_scale());
-        let timed = frames[begun..].iter_mut();
+        let timed = frames[first..][..*count].iter_mut();
         for time_s in timed.filter_map(|f: &mut BallsFrame<_>| f.frame.time_s.as_mut()) {
             *time_s *= scale;
         }
+        first += count;
         clock = end.clock.or(clock);
     }
+    let mut unreadable = frames.iter().filter_map(|f| f.frame.unreadable.clone());
+    let first_error = unreadable.next();
     let is_hopeless = frames.iter().all(|f| f.frame.unreadable.is_some());
     if let (true, Some(words), Some(first)) = (is_hopeless, first_error, frames.first()) {
         return Err(Error::input(&first.frame.path, "image", words));
@@ -121,25 +111,58 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync, O: BatchObserver<[BallEstimat
         frames.into_iter().map(|f| (f.frame, f.balls)).unzip();
     let times = set_times(&config.clock, clock, &mut timed)?;
     let together = timed.into_iter().zip(balls);
-    Ok(BallsBatch {
+    let mut batch = BallsBatch {
         frames: together
             .map(|(frame, balls)| BallsFrame { frame, balls })
             .collect(),
         times,
         skipped: listed.skipped,
         cut_short,
-    })
+    };
+    let times_s = batch.times_s().filter(|_| strobe.is_none());
+    if let (Some(times_s), false) = (times_s, config.independent) {
+        let counts = read.iter().map(|(count, _)| *count);
+        let sources: Vec<(Source, usize)> = listed.sources.into_iter().zip(counts).collect();
+        pass.second(&sources, &times_s, &mut batch.frames)?;
+    }
+    Ok(batch)
 }
 
-fn work<D: DotDetector, O: BatchObserver<[BallEstimate]>>(
-    estimator: &BallsEstimator<D>,
-    config: &BatchConfig,
-    strobe: Option<&Strobe>,
-    observer: &O,
-    frames: &[Frame],
-) -> Result<Vec<BallsFrame<O::Kept>>> {
-    let mut ws = estimator.workspace()?;
-    let one = |frame: &Frame| {
+/// What a pass over the frames needs.
+struct Pass<'a, D: DotDetector, O> {
+    estimator: &'a BallsEstimator<D>,
+    config: &'a BatchConfig,
+    strobe: Option<&'a Strobe>,
+    observer: &'a O,
+}
+
+impl<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>> Pass<'_, D, O> {
+    /// Works on the frames of the sources on all cores; what comes of it is taken in their order.
+    fn read<T: Send>(
+        &self,
+        sources: &[&Source],
+        work: impl Fn(usize, Frame, &mut BallsWorkspace<'_, D>) -> Result<T> + Sync,
+        take: impl FnMut(T),
+    ) -> Result<Vec<(usize, SourceEnd)>> {
+        // What forbids a workspace is known here; one of each thread is made there.
+        self.estimator.workspace()?;
+        let work = |number, frame, ws: &mut Option<BallsWorkspace<'_, D>>| match ws {
+            Some(ws) => work(number, frame, ws),
+            None => Err(Error::Internal("a workspace of balls".into())),
+        };
+        let new_workspace = || self.estimator.workspace().ok();
+        let mut taken = Taken(take);
+        read_all(
+            sources,
+            self.config.max_pixels,
+            new_workspace,
+            work,
+            &mut taken,
+        )
+    }
+
+    /// A frame that is estimated alone.
+    fn alone(&self, frame: &Frame, ws: &mut BallsWorkspace<'_, D>) -> Result<BallsFrame<O::Kept>> {
         let mut done = BatchFrame {
             name: frame.name.clone(),
             path: frame.path.clone(),
@@ -163,19 +186,84 @@ fn work<D: DotDetector, O: BatchObserver<[BallEstimate]>>(
         };
         let image = picture.view()?;
         done.size = Some([image.width(), image.height()]);
-        let region = match &config.roi {
+        let region = match &self.config.roi {
             Some(roi) => Some(roi.within(image.width(), image.height())?),
             None => None,
         };
-        let budget = &config.budget;
-        let balls = match strobe {
-            Some(strobe) => estimator.estimate_strobed(image, region, strobe, budget, &mut ws),
-            None => estimator.estimate(image, region, &[], budget, &mut ws),
+        let budget = &self.config.budget;
+        let balls = match self.strobe {
+            Some(strobe) => self
+                .estimator
+                .estimate_strobed(image, region, strobe, budget, ws),
+            None => self.estimator.estimate(image, region, &[], budget, ws),
         };
-        if observer.wants_images() {
-            done.kept = observer.keep(&*picture.to_rgb()?, &balls)?;
-        }
+        done.kept = self.keep(picture, &balls)?;
         Ok(BallsFrame { frame: done, balls })
-    };
-    frames.iter().map(one).collect()
+    }
+
+    fn keep(&self, picture: &Picture, balls: &[BallEstimate]) -> Result<O::Kept> {
+        match self.observer.wants_images() {
+            true => self.observer.keep(&*picture.to_rgb()?, balls),
+            false => Ok(O::Kept::default()),
+        }
+    }
+
+    /// Looks for balls that are missing amid a sequence. Files are read once more: pictures are not kept.
+    fn second(
+        &self,
+        sources: &[(Source, usize)],
+        times_s: &[f64],
+        frames: &mut [BallsFrame<O::Kept>],
+    ) -> Result<()> {
+        let balls: Vec<Vec<BallEstimate>> = frames.iter().map(|f| f.balls.clone()).collect();
+        let missing = missing_balls(self.config.sequence.spin, times_s, &balls);
+        let numbered = missing.iter().enumerate();
+        let wanted: Vec<usize> = numbered
+            .filter(|(_, circles)| !circles.is_empty())
+            .map(|(k, _)| k)
+            .collect();
+        let (read, numbers) = sources_with(sources, &wanted);
+        let again = |at: usize, frame: Frame, ws: &mut BallsWorkspace<'_, D>| {
+            let number = numbers.get(at).copied();
+            let number = number.filter(|k| wanted.binary_search(k).is_ok());
+            let (Some(k), Ok(picture)) = (number, frame.picture) else {
+                return Ok(None);
+            };
+            let (before, budget) = (balls[k].clone(), &self.config.budget);
+            let image = picture.view()?;
+            let mut expected = missing[k].clone();
+            if let Some(roi) = &self.config.roi {
+                let region = roi.within(image.width(), image.height())?;
+                let within = |x: f64, from: usize, size: usize| {
+                    (from as f64..(from + size) as f64).contains(&x)
+                };
+                expected.retain(|BallCircle { center, .. }| {
+                    within(center.u, region.left, region.width)
+                        && within(center.v, region.top, region.height)
+                });
+            }
+            let estimator = self.estimator;
+            let found = estimator.look_again(image, before, &expected, budget, ws);
+            let kept = self.keep(&picture, &found)?;
+            Ok(Some((k, found, kept)))
+        };
+        self.read(&read, again, |changed| {
+            if let Some((k, balls, kept)) = changed {
+                (frames[k].balls, frames[k].frame.kept) = (balls, kept);
+            }
+        })?;
+        Ok(())
+    }
+}
+
+/// Takes results in their order.
+struct Taken<F>(F);
+
+impl<T, F: FnMut(T)> Sink<Result<T>> for Taken<F> {
+    type Error = Error;
+
+    fn take(&mut self, done: Result<T>) -> Result<()> {
+        (self.0)(done?);
+        Ok(())
+    }
 }

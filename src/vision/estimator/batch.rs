@@ -375,32 +375,14 @@ struct FrameJob<'a, D, O> {
 type Estimated<K> = Result<(BatchFrame<K>, Option<Error>)>;
 
 impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
-    /// Hands the frames of the sources, by their number over all of them, to `work` on all cores, while others are read; for
-    /// each source, how many frames it has and what it knows at its end.
     fn read_all<T: Send>(
         &self,
         sources: &[&Source],
         work: impl Fn(usize, Frame, &mut EstimatorWorkspace<D::Workspace>) -> Result<T> + Sync,
         sink: &mut impl Sink<Result<T>, Error = Error>,
     ) -> Result<Vec<(usize, SourceEnd)>> {
-        let threads = NonZero::new(rayon::current_num_threads()).unwrap_or(NonZero::<usize>::MIN);
-        let limit = NonZero::new(threads.get() + WAITING).unwrap_or(threads);
-        let mut sources = Sources {
-            left: sources.iter(),
-            open: None,
-            max_pixels: self.config.max_pixels,
-            ends: Vec::new(),
-        };
-        let frames = sources.frames().enumerate();
-        map_ordered_within(
-            limit,
-            frames.map(|(number, frame)| frame.map(|frame| (number, frame))),
-            threads,
-            || self.estimator.workspace(),
-            |workspace, (number, frame)| work(number, frame, workspace),
-            sink,
-        )?;
-        Ok(sources.ends)
+        let new_workspace = || self.estimator.workspace();
+        read_all(sources, self.config.max_pixels, new_workspace, work, sink)
     }
 
     fn run(
@@ -514,17 +496,7 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
         work: &ImageWork<'_, D::Workspace>,
         frames: &mut [BatchFrame<O::Kept>],
     ) -> Result<Vec<(usize, FrameEstimate)>> {
-        // Only the sources with such a frame, and the numbers of their frames.
-        let (mut read, mut numbers) = (Vec::new(), Vec::new());
-        let mut first = 0;
-        for (source, count) in sources {
-            let range = first..first + count;
-            first = range.end;
-            if wanted.iter().any(|k| range.contains(k)) {
-                read.push(source);
-                numbers.extend(range);
-            }
-        }
+        let (read, numbers) = sources_with(sources, wanted);
         let again = |at: usize, frame: Frame, ws: &mut EstimatorWorkspace<D::Workspace>| {
             let number = numbers.get(at).copied();
             let number = number.filter(|k| wanted.binary_search(k).is_ok());
@@ -567,6 +539,53 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
         let _alone = is_large.then(alone);
         self.observer.keep(&*picture.to_rgb()?, estimate)
     }
+}
+
+/// Hands the frames of the sources, by their number over all of them, to `work` on all cores, while others are read; for
+/// each source, how many frames it has and what it knows at its end.
+pub(super) fn read_all<W, T: Send>(
+    sources: &[&Source],
+    max_pixels: u64,
+    new_workspace: impl Fn() -> W + Sync,
+    work: impl Fn(usize, Frame, &mut W) -> Result<T> + Sync,
+    sink: &mut impl Sink<Result<T>, Error = Error>,
+) -> Result<Vec<(usize, SourceEnd)>> {
+    let threads = NonZero::new(rayon::current_num_threads()).unwrap_or(NonZero::<usize>::MIN);
+    let limit = NonZero::new(threads.get() + WAITING).unwrap_or(threads);
+    let mut sources = Sources {
+        left: sources.iter(),
+        open: None,
+        max_pixels,
+        ends: Vec::new(),
+    };
+    let frames = sources.frames().enumerate();
+    map_ordered_within(
+        limit,
+        frames.map(|(number, frame)| frame.map(|frame| (number, frame))),
+        threads,
+        new_workspace,
+        |workspace, (number, frame)| work(number, frame, workspace),
+        sink,
+    )?;
+    Ok(sources.ends)
+}
+
+/// The sources with one of these frames, whose numbers ascend, and the numbers of all frames of theirs.
+pub(super) fn sources_with<'a>(
+    sources: &'a [(Source, usize)],
+    wanted: &[usize],
+) -> (Vec<&'a Source>, Vec<usize>) {
+    let (mut read, mut numbers) = (Vec::new(), Vec::new());
+    let mut first = 0;
+    for (source, count) in sources {
+        let range = first..first + count;
+        first = range.end;
+        if wanted.iter().any(|k| range.contains(k)) {
+            read.push(source);
+            numbers.extend(range);
+        }
+    }
+    (read, numbers)
 }
 
 /// The frames of all sources, one after another.

@@ -66,7 +66,7 @@ mod trust;
 mod whole;
 
 pub use super::outline::{Outline, OutlineSource};
-pub use ball_tracks::{BallTracks, NumberedBalls, number_balls};
+pub use ball_tracks::{BallTracks, NumberedBalls, missing_balls, number_balls};
 pub use balls::{BallEstimate, BallsEstimator, BallsWorkspace};
 pub use balls_batch::{BallsBatch, BallsFrame, estimate_ball_inputs};
 pub use batch::{
