@@ -2,7 +2,8 @@
 //!
 //! Dots are anywhere on the ball, evenly or in clusters, uneven and oval, of a pen that covers 4 to 8 mm of a ball of 40 to 220 mm.
 //! The ball is turned about one axis and then about another, in strokes of a third of a turn to a whole one, with pauses where the
-//! hand takes it anew; fingers are in view in two clips of three.
+//! hand takes it anew; fingers are in view in two clips of three. Who follows docs/hand-drawn.md ([`Habits::Guided`]) draws 14 to 30 larger
+//! dots, apart from each other, and turns the ball once about the vertical axis, once about the horizontal one, and about one between.
 
 use std::f64::consts::TAU;
 
@@ -49,6 +50,23 @@ const HIDDEN: f64 = 0.3;
 /// Places at which it is looked up what is shown.
 const PLACES: usize = 400;
 
+/// The same of who follows the guide: numbers of dots, their angular radii, radians, the bare ball between two, radii of a dot, frames, and
+/// the turn about each axis, radians.
+const GUIDED_DOTS: [usize; 2] = [14, 30];
+const GUIDED_RADIUS: [f64; 2] = [0.06, 0.11];
+const GUIDED_GAP: f64 = 2.0;
+const GUIDED_FRAMES: [usize; 2] = [150, 300];
+const GUIDED_TURN: [f64; 2] = [1.1 * TAU, 1.5 * TAU];
+
+/// How dots are drawn and the ball is turned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Habits {
+    /// Anyhow.
+    Any,
+    /// As docs/hand-drawn.md asks for.
+    Guided,
+}
+
 /// A clip that is yet to be rendered.
 pub struct HandClip {
     /// The dots as they are drawn.
@@ -77,12 +95,15 @@ impl HandClip {
     ///
     /// # Errors
     /// Settings that cannot be drawn from.
-    pub fn random(looks: &SynthConfig, seed: u64, k: u64) -> Outcome<Self> {
+    pub fn random(looks: &SynthConfig, habits: Habits, seed: u64, k: u64) -> Outcome<Self> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(k);
         let ball_mm = log_between(BALL_MM, &mut rng);
-        let dot_radius_rad = rng.random_range(DOT_MM[0]..DOT_MM[1]) / ball_mm;
-        let truth = drawn_by_hand(dot_radius_rad, &mut rng)?;
+        let dot_radius_rad = match habits {
+            Habits::Any => rng.random_range(DOT_MM[0]..DOT_MM[1]) / ball_mm,
+            Habits::Guided => log_between(GUIDED_RADIUS, &mut rng),
+        };
+        let truth = drawn_by_hand(dot_radius_rad, habits, &mut rng)?;
         let config = SynthConfig {
             ball_px: Some([log_between(BALL_PX, &mut rng); 2]),
             dot_radius_rad: [dot_radius_rad; 2],
@@ -99,10 +120,14 @@ impl HandClip {
             ..looks.clone().as_designed()
         };
         let scene = Scene::random(&truth, &config, &mut rng)?;
-        let frames = log_between(FRAMES.map(|n| n as f64), &mut rng).round() as usize;
+        let lengths = match habits {
+            Habits::Any => FRAMES,
+            Habits::Guided => GUIDED_FRAMES,
+        };
+        let frames = log_between(lengths.map(|n| n as f64), &mut rng).round() as usize;
         let fps = if rng.random_bool(0.7) { 30.0 } else { 240.0 };
         let fingers = rng.random_bool(FINGERS).then_some(&config);
-        let scenes = turned(&scene, frames, fps, fingers, &truth, &mut rng)?;
+        let scenes = turned(&scene, (frames, fps), habits, fingers, &truth, &mut rng)?;
         Ok(Self {
             truth,
             dot_radius_rad,
@@ -159,15 +184,20 @@ fn shows(seen: &Rendering, view: &View, normal: &Vec3, [width, height]: [usize; 
 }
 
 /// Dots of a mean angular radius anywhere, none on another.
-fn drawn_by_hand<R: Rng + ?Sized>(radius: f64, rng: &mut R) -> Outcome<Pattern> {
-    let wanted = rng.random_range(DOTS[0]..=DOTS[1]);
-    let clusters: Vec<Vec3> = match rng.random_bool(CLUSTERED) {
+fn drawn_by_hand<R: Rng + ?Sized>(radius: f64, habits: Habits, rng: &mut R) -> Outcome<Pattern> {
+    let is_guided = habits == Habits::Guided;
+    let [least, most] = if is_guided { GUIDED_DOTS } else { DOTS };
+    let wanted = rng.random_range(least..=most);
+    let clusters: Vec<Vec3> = match !is_guided && rng.random_bool(CLUSTERED) {
         true => (0..rng.random_range(2..=4))
             .map(|_| random_direction(rng))
             .collect(),
         false => Vec::new(),
     };
-    let apart = GAP[0] * radius + GAP[1];
+    let apart = match is_guided {
+        false => GAP[0] * radius + GAP[1],
+        true => (2.0 + GUIDED_GAP) * radius,
+    };
     let mut dots: Vec<Vec3> = Vec::new();
     // A ball that is full holds fewer.
     for _ in 0..200 * wanted {
@@ -188,26 +218,33 @@ fn drawn_by_hand<R: Rng + ?Sized>(radius: f64, rng: &mut R) -> Outcome<Pattern> 
 /// The frames of a ball that a hand turns.
 fn turned<R: Rng + ?Sized>(
     scene: &Scene,
-    frames: usize,
-    fps: f64,
+    (frames, fps): (usize, f64),
+    habits: Habits,
     fingers: Option<&SynthConfig>,
     truth: &Pattern,
     rng: &mut R,
 ) -> Outcome<Vec<Scene>> {
-    let step = (rng.random_range(TURN[0]..TURN[1]) / frames as f64).min(MAX_STEP / 1.5);
-    let first = random_direction(rng);
-    let second = first.cross(&random_direction(rng)).normalize();
+    let (axes, whole) = match habits {
+        Habits::Any => {
+            let whole = rng.random_range(TURN[0]..TURN[1]);
+            let first = random_direction(rng);
+            let second = first.cross(&random_direction(rng)).normalize();
+            (vec![first, second], whole)
+        }
+        Habits::Guided => {
+            let whole = 3.0 * rng.random_range(GUIDED_TURN[0]..GUIDED_TURN[1]);
+            let between = (Vec3::x() + Vec3::y()).normalize();
+            (vec![Vec3::y(), Vec3::x(), between], whole)
+        }
+    };
+    let step = (whole / frames as f64).min(MAX_STEP / 1.5);
     let exposure_s = log_between([1.0 / 2000.0, 1.0 / 200.0], rng);
     let mut rotation = random_rotation(rng);
     let mut scene = scene.clone();
     let radius = scene.circle.radius;
     let mut scenes = Vec::with_capacity(frames);
     while scenes.len() < frames {
-        let about = if 2 * scenes.len() < frames {
-            first
-        } else {
-            second
-        };
+        let about = axes[axes.len() * scenes.len() / frames];
         let axis = (about + random_direction(rng) * 0.3).normalize();
         let stroke = (rng.random_range(STROKE[0]..STROKE[1]) / step).ceil() as usize;
         let pause = rng.random_range(PAUSE);

@@ -19,7 +19,7 @@ use spindoe::vision::{FrameEstimate, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 use spindoe_studies::Outcome;
 use spindoe_studies::frames::{alone, estimator};
-use spindoe_studies::hand::HandClip;
+use spindoe_studies::hand::{Habits, HandClip};
 
 /// A clip that shows so much of the ball should be answered.
 const COMPLETE: f64 = 0.97;
@@ -68,6 +68,9 @@ pub struct Args {
     /// Nothing but dots on the balls.
     #[arg(long)]
     plain: bool,
+    /// Dots and turns as docs/hand-drawn.md asks for.
+    #[arg(long)]
+    guided: bool,
     /// Give the number of the dots that can be seen.
     #[arg(long)]
     counted: bool,
@@ -82,10 +85,14 @@ impl Args {
             false => SynthConfig::good(),
             true => SynthConfig::good().unprinted(),
         };
+        let habits = match self.guided {
+            false => Habits::Any,
+            true => Habits::Guided,
+        };
         let clips = self.first..self.first + self.clips;
         let judged: Result<Vec<Judged>, String> = clips
             .into_par_iter()
-            .map(|k| one(&looks, self.seed, k, self.counted).map_err(|e| e.to_string()))
+            .map(|k| one(&looks, habits, self.seed, k, self.counted).map_err(|e| e.to_string()))
             .collect();
         let judged = judged?;
         let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
@@ -140,8 +147,8 @@ impl Args {
     }
 }
 
-fn one(looks: &SynthConfig, seed: u64, k: u64, counted: bool) -> Outcome<Judged> {
-    let clip = HandClip::random(looks, seed, k)?;
+fn one(looks: &SynthConfig, habits: Habits, seed: u64, k: u64, counted: bool) -> Outcome<Judged> {
+    let clip = HandClip::random(looks, habits, seed, k)?;
     let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
     let detecting = estimator(&stand_in)?;
     let mut workspace = detecting.workspace();
