@@ -19,8 +19,6 @@ use crate::vision::painted::{
     PaintedFrame, PaintedPose, PaintedPoses, PaintedRejection, PaintedTracker, Surface,
 };
 
-/// Probability that a frame's pose is right: 1 - wrong / posed of docs/measurements/painted.md.
-const CONFIDENCE: f64 = 0.95;
 /// Directions of the pattern that stands in where there is none: only the ball's outline is used.
 const STAND_IN_DOTS: usize = 20;
 
@@ -136,7 +134,8 @@ fn orientations<K>(
             dots: None,
             matched: None,
             residual_rad: None,
-            confidence: pose.map(|_| CONFIDENCE),
+            // How often a pose is right depends on how far its clip has drifted, which the frame does not know.
+            confidence: None,
             covariance: pose.map(|p| turned_covariance(&turn, &p.covariance)),
             turn: None,
         }

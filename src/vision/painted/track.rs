@@ -14,16 +14,18 @@ use crate::stats::median;
 use crate::vision::camera::Camera;
 use crate::vision::estimator::{CameraModel, turned_covariance};
 
-/// A frame that agrees so well lies where it was expected.
+/// A frame that agrees so well lies where it was expected: right ones agreed by 0.93 in the middle, and 0.82 at the 5th percentile.
 const SURE: f64 = 0.8;
-/// A frame that agrees less is not placed.
+/// A frame that agrees less, next to where it was expected, is not placed: frames that drifted off agreed by 0.60 to 0.66, right ones at
+/// the 1st percentile by 0.77 (seed 35400001).
 const AGREES: f64 = 0.65;
 /// A frame that agrees by less than this part of the middle one so far is not taken into the surface.
 const GROWS: f64 = 0.85;
 /// After so many frames, and twice, four times .. as many, all of them are laid on the surface that they show.
 const FIRST_CHECK: usize = 16;
-/// A frame that agrees less, anywhere on the ball, is not placed: on a surface of which a part is known, nine of ten wrong places agreed
-/// by less than 0.73, and nineteen of twenty right ones by more than 0.74 (seed 35400001, 6 clips in flight and on a treadmill).
+/// A frame that agrees less, anywhere on the ball, is not placed: in flight, where a part of the surface is known, nine of ten wrong
+/// places agreed by less than 0.72, and nineteen of twenty right ones by more than 0.81; on treadmills, under a camera at a wrong
+/// distance, half of the wrong ones by less than 0.75 (seed 35400001, 6 clips each).
 const FOUND: f64 = 0.75;
 /// A ball turns no farther between two frames, radians.
 const NEAR: f64 = 0.9;
@@ -40,7 +42,8 @@ const INVERSE_DISTANCES: [f64; 4] = [0.02, 0.05, 0.09, 0.14];
 /// So many frames choose: what a wrong distance does shows when the ball has come around.
 const CHOOSING: usize = 200;
 /// Standard deviation per axis that no number of pixels takes away, radians: light, outline and surface err alike in many of them.
-/// SYSTEMATIC_WORDS
+/// By it, squared errors over their covariances have a median of 1.0 on treadmills, 2.3 in hands and 0.2 in flight (`bench painted`, 5
+/// clips each of seed 35400001).
 const SYSTEMATIC: f64 = 0.012;
 
 /// A frame on the surface.
