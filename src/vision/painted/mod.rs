@@ -11,7 +11,8 @@
 //! # What is promised
 //! Orientations relative to the first frame, and on the surface of an earlier clip in that clip's frame. How far they are off, and how
 //! often wrong, is measured (`bench painted`). What is not: a ball with hardly any paint, or paint that repeats, is refused or wrong; a
-//! camera whose distance is not known is taken for one of four, and turns are off by up to two hundredths of their size by that.
+//! camera whose distance is not known is taken for one of four, often not the nearest, and turns are then too long or too short. A clip may
+//! drift, which no covariance says.
 
 mod face;
 mod file;
