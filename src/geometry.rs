@@ -144,6 +144,25 @@ pub fn spiral_directions(n: usize) -> impl ExactSizeIterator<Item = Vec3> {
     })
 }
 
+/// The `k`-th of `count` nearly evenly spread rotations (M. Alexa, "Super-Fibonacci Spirals", CVPR 2022).
+pub fn spread_rotation(k: usize, count: usize) -> Rotation {
+    // The real root of psi^4 = psi + 4, and the square root of two.
+    const PSI: f64 = 1.533_751_168_755_204_3;
+    let s = k as f64 + 0.5;
+    let t = s / count as f64;
+    let turn = std::f64::consts::TAU * s;
+    let (alpha, beta) = (turn / std::f64::consts::SQRT_2, turn / PSI);
+    let (r, q) = (t.sqrt(), (1.0 - t).sqrt());
+    let (sin_a, cos_a) = alpha.sin_cos();
+    let (sin_b, cos_b) = beta.sin_cos();
+    Rotation::new_normalize(nalgebra::Quaternion::new(
+        q * cos_b,
+        r * sin_a,
+        r * cos_a,
+        q * sin_b,
+    ))
+}
+
 /// The proper rotation `R` that minimizes `sum_i w_i |to_i - R from_i|^2` (Kabsch).
 ///
 /// `weights` are non-negative; `None` weighs all alike.

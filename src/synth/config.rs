@@ -9,6 +9,7 @@ use std::f64::consts::{PI, TAU};
 
 use serde::{Deserialize, Serialize};
 
+use super::blotches::Blotches;
 use crate::error::{Error, Result, require};
 
 /// What the frame shows in the ball's place.
@@ -161,6 +162,9 @@ pub struct SynthConfig {
     /// Whether it is a golf ball: white, with dimples. Default: no.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub dimples: bool,
+    /// How the ball is painted with blotches, in the stains' color and the ink's. Default: not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blotches: Option<Blotches>,
 
     // Motion.
     /// Spin, revolutions per second. Default: 0 to 150.
@@ -259,6 +263,7 @@ impl Default for SynthConfig {
             seam_probability: 0.35,
             stains: true,
             dimples: false,
+            blotches: None,
             rps: [0.0, 150.0],
             max_arc_rad: 0.45,
             max_shift_px: 8.0,
@@ -418,6 +423,14 @@ impl SynthConfig {
         pair("rps", self.rps, [0.0, 1e4], "0 to 10000")?;
         pair("ambient", self.ambient, [0.0, 1.0], "0 to 1")?;
         pair("defocus_px", self.defocus_px, [0.0, 50.0], "0 to 50 pixels")?;
+        if let Some(Blotches {
+            coverage,
+            width_rad,
+        }) = self.blotches
+        {
+            pair("coverage", coverage, [0.0, 0.9], "0 to 0.9")?;
+            pair_deg("width_rad", width_rad, [1.0, 60.0])?;
+        }
         pair("gamma", self.gamma, [0.1, 10.0], "0.1 to 10")?;
         pair("jpeg_quality", self.jpeg_quality, [1.0, 100.0], "1 to 100")?;
         pair("video_qp", self.video_qp, [0.0, 51.0], "0 to 51")

@@ -32,6 +32,7 @@
 //! ```
 
 pub mod background;
+pub mod blotches;
 mod canvas;
 mod color;
 pub mod compression;

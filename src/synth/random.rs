@@ -23,6 +23,7 @@ pub(super) enum Stream {
     Noise,
     Ground,
     Cords,
+    Paint,
 }
 
 /// The streams of a frame.

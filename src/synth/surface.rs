@@ -103,6 +103,20 @@ impl Surface {
             SynthKind::OtherPattern => surface.strangers = draw_strangers(config, pen, dots),
             _ => {}
         }
+        if let Some(blotches) = &config.blotches {
+            let paint = &mut streams.of(Stream::Paint);
+            let mut spots = blotches.draw(paint);
+            // Every other ball has a second color.
+            let second = if paint.random_bool(0.5) {
+                spots.len() / 2
+            } else {
+                0
+            };
+            surface
+                .strangers
+                .extend(spots.split_off(spots.len() - second));
+            surface.stains.extend(spots);
+        }
         surface
     }
 

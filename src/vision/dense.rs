@@ -16,7 +16,7 @@
 //!
 //! The mirrored pattern is no ball's: its best orientation tells what chance alone reaches with these cells.
 
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::{Rotation, Vec3, spread_rotation};
 use crate::vision::net::graph::CELLS;
 use crate::vision::patch::{MIDDLE, RADIUS};
 
@@ -412,21 +412,7 @@ fn cell(place: [f64; 2]) -> [f64; 2] {
 
 /// The k-th of [`ROTATIONS`] orientations.
 fn rotation(k: usize) -> Rotation {
-    // The real root of psi^4 = psi + 4, and the square root of two.
-    const PSI: f64 = 1.533_751_168_755_204_3;
-    let s = k as f64 + 0.5;
-    let t = s / ROTATIONS as f64;
-    let turn = std::f64::consts::TAU * s;
-    let (alpha, beta) = (turn / std::f64::consts::SQRT_2, turn / PSI);
-    let (r, q) = (t.sqrt(), (1.0 - t).sqrt());
-    let (sin_a, cos_a) = alpha.sin_cos();
-    let (sin_b, cos_b) = beta.sin_cos();
-    Rotation::new_normalize(nalgebra::Quaternion::new(
-        q * cos_b,
-        r * sin_a,
-        r * cos_a,
-        q * sin_b,
-    ))
+    spread_rotation(k, ROTATIONS)
 }
 
 #[cfg(test)]

@@ -31,6 +31,7 @@ pub mod lens;
 pub mod net;
 mod off_center;
 pub mod outline;
+pub mod painted;
 pub mod patch;
 mod rim;
 pub mod smear;

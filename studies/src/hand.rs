@@ -279,7 +279,10 @@ fn turned<R: Rng + ?Sized>(
 }
 
 /// A finger or some of them before the ball.
-fn a_finger<R: Rng + ?Sized>(
+///
+/// # Errors
+/// Settings that cannot be drawn from.
+pub fn a_finger<R: Rng + ?Sized>(
     truth: &Pattern,
     config: &SynthConfig,
     rng: &mut R,

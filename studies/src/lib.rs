@@ -3,6 +3,7 @@
 pub mod frames;
 pub mod hand;
 pub mod noise;
+pub mod painted;
 pub mod pictures;
 pub mod ranks;
 pub mod score;

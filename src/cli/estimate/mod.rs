@@ -8,6 +8,7 @@ mod output;
 mod overlay;
 #[cfg(feature = "plot")]
 mod page;
+mod painted;
 mod verdict;
 #[cfg(feature = "plot")]
 mod video;
@@ -70,7 +71,7 @@ pub struct Arguments {
     images: Vec<PathBuf>,
     /// The ball: a table (.npz), a pattern (CSV of unit vectors x,y,z), or the folder of a design or
     /// calibration. Given several times, the one that fits all frames best is chosen.
-    #[arg(long, value_name = "TABLE.npz", required = true)]
+    #[arg(long, value_name = "TABLE.npz", required_unless_present = "painted")]
     table: Vec<PathBuf>,
     /// Write the orientations to this file instead of standard output.
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
@@ -180,6 +181,13 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     readout_ms: Option<f64>,
+    /// A ball painted with marks of any shape, without dots: orientations relative to the first frame; with --table, a surface that
+    /// --write-surface wrote, in that clip's frame. Give --camera-distance-radii or --intrinsics where the ball turns far.
+    #[arg(long, conflicts_with_all = DOTS_ONLY)]
+    painted: bool,
+    /// Write the painted ball's surface, the --table of its further clips, to this file.
+    #[arg(long, value_name = "SURFACE.npz", requires = "painted")]
+    write_surface: Option<PathBuf>,
     /// Print one JSON object instead, with every dot, rejection and the spin.
     #[arg(long)]
     json: bool,
@@ -209,6 +217,32 @@ pub struct Arguments {
 const FILES_ONLY: [&str; 5] = ["output", "overlay", "times", "no_sequence", "json"];
 #[cfg(not(feature = "plot"))]
 const FILES_ONLY: [&str; 4] = ["output", "times", "no_sequence", "json"];
+
+/// What only balls with dots have.
+#[cfg(feature = "plot")]
+const DOTS_ONLY: &[&str] = &[
+    "balls",
+    "strobe_ms",
+    "follow",
+    "overlay",
+    "report",
+    "calibrate",
+    "motion",
+    "exposure_ms",
+    "readout_ms",
+    "json",
+];
+#[cfg(not(feature = "plot"))]
+const DOTS_ONLY: &[&str] = &[
+    "balls",
+    "strobe_ms",
+    "follow",
+    "calibrate",
+    "motion",
+    "exposure_ms",
+    "readout_ms",
+    "json",
+];
 
 /// What is for one ball alone.
 #[cfg(feature = "plot")]
@@ -291,6 +325,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     if arguments.follow {
         return follow::run(arguments);
+    }
+    if arguments.painted {
+        return painted::run(arguments);
     }
     let mut estimators = arguments.estimators()?;
     if estimators.is_empty() {

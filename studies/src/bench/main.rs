@@ -19,6 +19,7 @@ mod noise;
 mod objectives;
 mod objectives_images;
 mod outlines;
+mod painted;
 mod rebuild;
 mod recognizer;
 mod residuals;
@@ -114,6 +115,8 @@ enum Command {
     CalibrationUnknown(calibration_unknown::Args),
     /// Stencils of many random patterns, for `tests/python/check_stencils.py`.
     Stencils(stencils::Args),
+    /// Orientations of balls painted with marks of any shape.
+    Painted(painted::Args),
     /// Several images of balls in one picture: strobed exposures, flying balls.
     Strobe(strobe::Args),
     /// Derive the numbers that follow from nets and synthetic world, where their inputs have changed.
@@ -165,6 +168,7 @@ fn main() -> Outcome {
         Command::CalibrationBound(args) => args.run(),
         Command::CalibrationUnknown(args) => args.run(),
         Command::Stencils(args) => args.run(),
+        Command::Painted(args) => args.run(),
         Command::Strobe(args) => args.run(),
         Command::Derive(args) => args.run(),
         Command::Rebuild(args) => args.run(),

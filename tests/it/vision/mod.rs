@@ -12,6 +12,7 @@ mod input;
 mod noise;
 mod off_axis;
 mod outline;
+mod painted;
 mod pipe;
 mod rolling;
 mod sequence;

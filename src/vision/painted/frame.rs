@@ -1,0 +1,97 @@
+//! What is kept of an image: the pixels about the ball.
+
+use crate::image::{GrayImage, Roi};
+use crate::vision::camera::{BallCircle, BallView, Camera};
+use crate::vision::grid::Grid;
+use crate::vision::outline::Outline;
+
+/// Pixels so far from the center are kept, radii: the outline may turn out to lie elsewhere.
+const MARGIN: f64 = 1.25;
+/// Balls of a larger radius, pixels, are halved: no face has more values.
+const MAX_RADIUS: f64 = 128.0;
+
+/// What a frame shows of a painted ball; nothing by default.
+#[derive(Debug, Clone, Default)]
+pub struct PaintedFrame(Option<Kept>);
+
+#[derive(Debug, Clone)]
+struct Kept {
+    values: Vec<u8>,
+    size: [usize; 2],
+    grid: Grid,
+    circle: BallCircle,
+    /// Standard deviation of the circle's center, pixels.
+    sigma_px: f64,
+}
+
+impl PaintedFrame {
+    /// Of an image (values 0 to 1) and the ball's outline in it.
+    pub fn take(image: &GrayImage, outline: &Outline) -> Self {
+        let circle = outline.circle;
+        let mut level = 0;
+        while circle.radius / f64::from(1u32 << level) > MAX_RADIUS && level < 8 {
+            level += 1;
+        }
+        let side = 1usize << level;
+        let reach = MARGIN * circle.radius;
+        let range = |center: f64, length: usize| {
+            let low = (center - reach).floor().clamp(0.0, length as f64) as usize;
+            let high = (center + reach).ceil().clamp(0.0, length as f64) as usize;
+            (low, high.saturating_sub(low) / side)
+        };
+        let (left, width) = range(circle.center.u, image.width());
+        let (top, height) = range(circle.center.v, image.height());
+        if width < 8 || height < 8 {
+            return Self::default();
+        }
+        let part = Roi {
+            left,
+            top,
+            width,
+            height,
+        };
+        let mut values = Vec::with_capacity(width * height);
+        for row in 0..height {
+            for column in 0..width {
+                let mut sum = 0.0;
+                for at in 0..side * side {
+                    let u = left + column * side + at % side;
+                    let v = top + row * side + at / side;
+                    sum += image.at(u as isize, v as isize);
+                }
+                let mean = sum / (side * side) as f32;
+                values.push((255.0 * mean).round().clamp(0.0, 255.0) as u8);
+            }
+        }
+        let center = outline.covariance.fixed_view::<2, 2>(0, 0);
+        Self(Some(Kept {
+            values,
+            size: [width, height],
+            grid: Grid::of(&part, level),
+            circle,
+            sigma_px: (0.5 * center.trace()).max(0.0).sqrt(),
+        }))
+    }
+
+    /// The outline, and the standard deviation of its center, pixels of the image.
+    pub(super) fn circle(&self) -> Option<(BallCircle, f64)> {
+        self.0.as_ref().map(|kept| (kept.circle, kept.sigma_px))
+    }
+
+    /// The pixels, and how a camera sees the ball in them that has the outline `circle` in the image.
+    pub(super) fn view(
+        &self,
+        camera: &Camera,
+        circle: &BallCircle,
+    ) -> Option<(GrayImage, BallView)> {
+        let kept = self.0.as_ref()?;
+        let camera = match camera {
+            Camera::Perspective(k) => Camera::Perspective(kept.grid.intrinsics_to_part(k)),
+            other => *other,
+        };
+        let view = BallView::new(&camera, kept.grid.circle_to_part(circle)).ok()?;
+        let [width, height] = kept.size;
+        let value = |u: usize, v: usize| f32::from(kept.values[v * width + u]) / 255.0;
+        Some((GrayImage::from_fn(width, height, value), view))
+    }
+}

@@ -1,0 +1,194 @@
+//! Where a face lies on the surface when nothing is known: every rotation tried on blurred brightness.
+//!
+//! The correlation of the blurred face with the blurred surface under `R` is computed for rotations that cover all evenly (M. Alexa,
+//! "Super-Fibonacci Spirals", CVPR 2022), and the best are climbed from.
+
+use super::face::Face;
+use super::surface::{Grid, Surface};
+use crate::geometry::{
+    Rotation, Vec3, rotation_angle, spiral_directions, spread_rotation, tangent_frame,
+};
+
+/// Rotations tried: neighbors are some 11 degrees apart.
+const ROTATIONS: usize = 12_000;
+/// Directions on the ball that are compared, those of which in sight some 6.5 degrees apart, and the least z of these.
+const CELLS: usize = 500;
+const MIN_Z: f64 = 0.35;
+/// Blur, radians: half the width of the box.
+const BLUR: f64 = 0.09;
+/// Cells along the side of a cube's face in which the surface is looked up.
+const CUBE: usize = 24;
+/// The best of the rotations are climbed from, as far as none is beside a better one, radians.
+const CLIMBED: usize = 24;
+const BESIDE: f64 = 0.2;
+/// First and last step of the climb, radians.
+const STEPS: [f64; 2] = [0.08, 0.02];
+
+/// What does not depend on face and surface.
+#[derive(Debug)]
+pub(super) struct Search {
+    rotations: Vec<Rotation>,
+    cells: Vec<Vec3>,
+    /// The directions of a cube's cells.
+    cube: Vec<Vec3>,
+}
+
+/// A blurred surface; 0 where it is not known.
+#[derive(Debug)]
+pub(super) struct Blurred(Vec<f32>);
+
+impl Search {
+    /// Rotations, and cells to compare.
+    pub fn new() -> Self {
+        let cells: Vec<Vec3> = spiral_directions(CELLS).filter(|d| d.z > MIN_Z).collect();
+        let cube = (0..6 * CUBE * CUBE).map(cube_direction).collect();
+        Self {
+            rotations: (0..ROTATIONS)
+                .map(|k| spread_rotation(k, ROTATIONS))
+                .collect(),
+            cells,
+            cube,
+        }
+    }
+
+    /// The surface as it is searched.
+    pub fn blurred(&self, grid: &Grid, surface: &Surface) -> Blurred {
+        let mut sums = vec![(0.0f32, 0.0f32); self.cube.len()];
+        for (k, place) in grid.directions.iter().enumerate() {
+            if surface.weights[k] > 0.0 {
+                let sum = &mut sums[cube_cell(place)];
+                sum.0 += surface.values[k];
+                sum.1 += 1.0;
+            }
+        }
+        // A box of cells about each: those of other faces of the cube are found by their directions.
+        let off = [-1.0, -0.5, 0.0, 0.5, 1.0].map(|o| o * BLUR);
+        let blur = |direction: &Vec3| {
+            let [e1, e2] = tangent_frame(direction);
+            let (mut sum, mut count) = (0.0f32, 0.0f32);
+            for a in off {
+                for b in off {
+                    let near = sums[cube_cell(&(direction + e1 * a + e2 * b))];
+                    sum += near.0;
+                    count += near.1;
+                }
+            }
+            sum / count.max(1.0)
+        };
+        Blurred(self.cube.iter().map(blur).collect())
+    }
+
+    /// The likeliest rotations, best first, with their correlations; within `within` radians of one where it is given.
+    pub fn find(
+        &self,
+        surface: &Blurred,
+        face: &Face,
+        near: Option<(&Rotation, f64)>,
+    ) -> Vec<(Rotation, f64)> {
+        let seen = self.face_cells(face);
+        let tried = self.rotations.iter().filter(|r| match near {
+            Some((about, within)) => rotation_angle(about, r) < within,
+            None => true,
+        });
+        let mut scored: Vec<(Rotation, f64)> =
+            tried.map(|r| (*r, self.score(surface, &seen, r))).collect();
+        scored.sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
+        let mut best: Vec<(Rotation, f64)> = Vec::new();
+        for (rotation, score) in scored {
+            if best.len() == CLIMBED {
+                break;
+            }
+            if best
+                .iter()
+                .all(|b| rotation_angle(&b.0, &rotation) > BESIDE)
+            {
+                best.push((rotation, score));
+            }
+        }
+        for (rotation, score) in &mut best {
+            self.climb(surface, &seen, rotation, score);
+        }
+        best.sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
+        let mut apart: Vec<(Rotation, f64)> = Vec::new();
+        for found in best {
+            if apart
+                .iter()
+                .all(|b| rotation_angle(&b.0, &found.0) > BESIDE)
+            {
+                apart.push(found);
+            }
+        }
+        apart
+    }
+
+    /// The blurred face.
+    fn face_cells(&self, face: &Face) -> Vec<f32> {
+        let off = [-1.0, -0.5, 0.0, 0.5, 1.0].map(|o| o * BLUR);
+        let blur = |cell: &Vec3| {
+            let [e1, e2] = tangent_frame(cell);
+            let mut sum = 0.0;
+            for a in off {
+                for b in off {
+                    sum += face.at(&(cell + e1 * a + e2 * b).normalize());
+                }
+            }
+            (sum / (off.len() * off.len()) as f64) as f32
+        };
+        self.cells.iter().map(blur).collect()
+    }
+
+    /// The correlation, about 0: places that are not known take from it.
+    fn score(&self, surface: &Blurred, seen: &[f32], rotation: &Rotation) -> f64 {
+        let back = rotation.inverse().to_rotation_matrix();
+        let (mut own, mut all, mut both) = (0.0f32, 0.0f32, 0.0f32);
+        for (value, cell) in seen.iter().zip(&self.cells) {
+            let other = surface.0[cube_cell(&(back * cell))];
+            own += other * other;
+            all += value * value;
+            both += value * other;
+        }
+        f64::from(both / (own.max(1e-6) * all.max(1e-6)).sqrt())
+    }
+
+    fn climb(&self, surface: &Blurred, seen: &[f32], rotation: &mut Rotation, score: &mut f64) {
+        let mut step = STEPS[0];
+        while step > STEPS[1] {
+            let mut moved = false;
+            for axis in [Vec3::x(), Vec3::y(), Vec3::z()] {
+                for sign in [step, -step] {
+                    let tried = Rotation::from_scaled_axis(axis * sign) * *rotation;
+                    let found = self.score(surface, seen, &tried);
+                    if found > *score {
+                        (*rotation, *score, moved) = (tried, found, true);
+                    }
+                }
+            }
+            if !moved {
+                step *= 0.5;
+            }
+        }
+    }
+}
+
+/// The cell of a cube about the ball that a direction meets.
+fn cube_cell(d: &Vec3) -> usize {
+    let axis = d.iamax();
+    let along = d[axis];
+    let face = 2 * axis + usize::from(along < 0.0);
+    let scale = 0.5 / along.abs();
+    let cell = |x: f64| (((x * scale + 0.5) * CUBE as f64) as usize).min(CUBE - 1);
+    let (u, v) = (cell(d[(axis + 1) % 3]), cell(d[(axis + 2) % 3]));
+    (face * CUBE + v) * CUBE + u
+}
+
+/// The direction of the middle of a cube's cell.
+fn cube_direction(cell: usize) -> Vec3 {
+    let (face, v, u) = (cell / (CUBE * CUBE), cell / CUBE % CUBE, cell % CUBE);
+    let at = |k: usize| 2.0 * (k as f64 + 0.5) / CUBE as f64 - 1.0;
+    let axis = face / 2;
+    let mut d = Vec3::zeros();
+    d[axis] = if face % 2 == 0 { 1.0 } else { -1.0 };
+    d[(axis + 1) % 3] = at(u);
+    d[(axis + 2) % 3] = at(v);
+    d.normalize()
+}

@@ -1,0 +1,296 @@
+//! Orientations of painted balls, on rendered clips. The tables of docs/measurements/painted.md come from here.
+//!
+//!     cargo run --release -p spindoe-studies -- painted --help
+//!
+//! The clips are those of `spindoe_studies::painted`. Errors are relative to the first frame with a pose; a pose is *wrong* where it is
+//! more than 10 deg off. *Chained* are the same frames two at a time, each pair's turn upon the turns before it: what following from frame
+//! to frame gives. *Again* is a second clip of the same ball on the surface of the first, each frame alone.
+
+use nalgebra::Matrix3;
+use rayon::prelude::*;
+use spindoe::geometry::{Rotation, rotation_angle, spiral_directions};
+use spindoe::pattern::Pattern;
+use spindoe::spin::robust::SpinConfig;
+use spindoe::synth::Rendering;
+use spindoe::validate::Proportion;
+use spindoe::vision::camera::Camera;
+use spindoe::vision::estimator::CameraModel;
+use spindoe::vision::painted::{PaintedFrame, PaintedPoses, PaintedTracker};
+use spindoe::vision::{FrameEstimate, Outline, Prior};
+use spindoe::{Measurement, SpinEstimator};
+use spindoe_studies::Outcome;
+use spindoe_studies::frames::estimator;
+use spindoe_studies::painted::{Handling, PaintedClip};
+
+/// A pose is wrong beyond so many degrees.
+const WRONG_DEG: f64 = 10.0;
+/// Marks the second clip of a ball.
+const AGAIN: u64 = 77;
+
+/// What is asked for.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Clips of each kind.
+    #[arg(long, default_value_t = 20)]
+    clips: u64,
+    /// Seed of the clips.
+    #[arg(long, default_value_t = 35_400_001)]
+    seed: u64,
+    /// The camera's distance is not given.
+    #[arg(long)]
+    unknown_distance: bool,
+    /// True outlines instead of those that are found.
+    #[arg(long)]
+    true_outlines: bool,
+    /// Without the chained pairs, which take longest.
+    #[arg(long)]
+    no_chain: bool,
+    /// A line for every clip.
+    #[arg(long)]
+    each: bool,
+}
+
+/// A clip as it is seen.
+struct Seen {
+    frames: Vec<PaintedFrame>,
+    truth: Vec<Rotation>,
+    camera: CameraModel,
+}
+
+/// What became of one or of many clips.
+#[derive(Default)]
+struct Judged {
+    frames: u64,
+    posed: u64,
+    wrong: u64,
+    errors_deg: Vec<f64>,
+    ends_deg: Vec<f64>,
+    /// Squared errors about one constant turn, over their covariances.
+    chi2: Vec<f64>,
+    chained_deg: Vec<f64>,
+    chained_ends_deg: Vec<f64>,
+    again: [u64; 3],
+    again_deg: Vec<f64>,
+    spins_percent: Vec<f64>,
+    milliseconds: f64,
+}
+
+impl Args {
+    pub fn run(&self) -> Outcome {
+        for handling in Handling::ALL {
+            let clips = 0..self.clips;
+            let judged: Result<Vec<Judged>, String> = clips
+                .into_par_iter()
+                .map(|k| self.one(handling, k).map_err(|e| e.to_string()))
+                .collect();
+            let mut all = Judged::default();
+            for (k, one) in judged?.into_iter().enumerate() {
+                if self.each {
+                    println!("{} {k}:", handling.words());
+                    one.say();
+                }
+                all.join(one);
+            }
+            println!("{}, {} clips:", handling.words(), self.clips);
+            all.say();
+        }
+        Ok(())
+    }
+
+    fn one(&self, handling: Handling, k: u64) -> Outcome<Judged> {
+        let clip = PaintedClip::random(handling, self.seed, k, 0)?;
+        let seen = self.see(&clip)?;
+        let tracker = PaintedTracker::new(&seen.camera);
+        let clock = cpu_time::ThreadTime::now();
+        let track = tracker.track(&seen.frames);
+        let mut judged = Judged {
+            milliseconds: 1e3 * clock.elapsed().as_secs_f64(),
+            ..Judged::default()
+        };
+        let Some(first) = track.poses.iter().position(Result::is_ok) else {
+            judged.frames = seen.frames.len() as u64;
+            return Ok(judged);
+        };
+        let base = seen.truth[first].inverse();
+        judged.take(&track.poses, &seen.truth, &base);
+        if let Some(spin) = clip.spin {
+            judged
+                .spins_percent
+                .extend(spin_error(&clip, &track.poses, &spin));
+        }
+        if !self.no_chain {
+            judged.chain(&tracker, &seen);
+        }
+        let again = self.see(&PaintedClip::random(handling, self.seed, k, AGAIN)?)?;
+        for (pose, truth) in tracker
+            .place(&again.frames, &track.surface)
+            .iter()
+            .zip(&again.truth)
+        {
+            judged.again[0] += 1;
+            if let Ok(pose) = pose {
+                let off = rotation_angle(&pose.rotation, &(truth * base)).to_degrees();
+                judged.again[1] += 1;
+                judged.again[2] += u64::from(off > WRONG_DEG);
+                judged.again_deg.push(off);
+            }
+        }
+        Ok(judged)
+    }
+
+    fn see(&self, clip: &PaintedClip) -> Outcome<Seen> {
+        let stand_in = Pattern::new(spiral_directions(20).collect())?;
+        let detecting = estimator(&stand_in)?;
+        let mut workspace = detecting.workspace();
+        let budget = spindoe::calibrate::SurfaceObserver::budget();
+        let mut seen = Seen {
+            frames: Vec::new(),
+            truth: Vec::new(),
+            camera: CameraModel::default(),
+        };
+        clip.show(|shown| {
+            seen.camera = self.camera(shown);
+            let outline = if self.true_outlines {
+                Some(Outline::given(shown.circle, Matrix3::zeros()))
+            } else {
+                let mut found = FrameEstimate::default();
+                let prior = Prior::default();
+                detecting.estimate(&shown.image, &prior, &budget, &mut workspace, &mut found);
+                found.outline
+            };
+            let taken = outline.map(|o| PaintedFrame::take(&shown.image.to_gray(), &o));
+            seen.frames.push(taken.unwrap_or_default());
+            seen.truth.push(shown.rotation);
+        })?;
+        Ok(seen)
+    }
+
+    /// Balls are seen near the axis: the view frame is the truth's.
+    fn camera(&self, shown: &Rendering) -> CameraModel {
+        match self.unknown_distance {
+            true => CameraModel::default(),
+            false => CameraModel::Known(Camera::Near {
+                inverse_distance: shown.distance.map_or(0.0, |d| 1.0 / d),
+            }),
+        }
+    }
+}
+
+/// The error of the spin of a ball in flight over its size, percent.
+fn spin_error(clip: &PaintedClip, poses: &PaintedPoses, truth: &spindoe::Vec3) -> Option<f64> {
+    let timed = poses.iter().enumerate();
+    let measured: Vec<Measurement> = timed
+        .filter_map(|(k, pose)| {
+            let pose = pose.as_ref().ok()?;
+            Some(Measurement::new(k as f64 / clip.fps, pose.rotation))
+        })
+        .collect();
+    let fit = SpinEstimator::new(SpinConfig::default())
+        .fit(&measured)
+        .ok()?;
+    Some(100.0 * (fit.motion.spin - truth).norm() / truth.norm())
+}
+
+impl Judged {
+    fn take(&mut self, poses: &PaintedPoses, truth: &[Rotation], base: &Rotation) {
+        let mut sum = Matrix3::zeros();
+        let both = poses.iter().zip(truth);
+        let posed = both.filter_map(|(pose, truth)| Some((pose.as_ref().ok()?, truth)));
+        for (pose, truth) in posed.clone() {
+            let off = rotation_angle(&pose.rotation, &(truth * base)).to_degrees();
+            self.posed += 1;
+            self.wrong += u64::from(off > WRONG_DEG);
+            self.errors_deg.push(off);
+            sum += (pose.rotation.inverse() * truth)
+                .to_rotation_matrix()
+                .matrix();
+        }
+        self.frames += truth.len() as u64;
+        self.ends_deg.extend(self.errors_deg.last());
+        // One constant turn takes the error of the first frame off all others.
+        let constant = Rotation::from_matrix(&sum);
+        for (pose, truth) in posed {
+            let off = (truth * (pose.rotation * constant).inverse()).scaled_axis();
+            if let Some(root) = pose.covariance.cholesky() {
+                self.chi2.push(off.dot(&root.solve(&off)) / 3.0);
+            }
+        }
+    }
+
+    fn chain(&mut self, tracker: &PaintedTracker, seen: &Seen) {
+        let mut rotation = Rotation::identity();
+        let base = seen.truth[0].inverse();
+        let mut last = None;
+        for k in 1..seen.frames.len() {
+            let poses = tracker.track(&seen.frames[k - 1..=k]).poses;
+            if let [Ok(one), Ok(two)] = poses[..] {
+                rotation = two.rotation * one.rotation.inverse() * rotation;
+            }
+            let off = rotation_angle(&rotation, &(seen.truth[k] * base)).to_degrees();
+            self.chained_deg.push(off);
+            last = Some(off);
+        }
+        self.chained_ends_deg.extend(last);
+    }
+
+    fn join(&mut self, one: Self) {
+        self.frames += one.frames;
+        self.posed += one.posed;
+        self.wrong += one.wrong;
+        self.errors_deg.extend(one.errors_deg);
+        self.ends_deg.extend(one.ends_deg);
+        self.chi2.extend(one.chi2);
+        self.chained_deg.extend(one.chained_deg);
+        self.chained_ends_deg.extend(one.chained_ends_deg);
+        for (sum, more) in self.again.iter_mut().zip(one.again) {
+            *sum += more;
+        }
+        self.again_deg.extend(one.again_deg);
+        self.spins_percent.extend(one.spins_percent);
+        self.milliseconds += one.milliseconds;
+    }
+
+    fn say(&self) {
+        println!(
+            "  with a pose: {}",
+            Proportion::new(self.posed, self.frames)
+        );
+        println!(
+            "  wrong: {}",
+            Proportion::new(self.wrong, self.posed.max(1))
+        );
+        println!("  error: {} deg", middle_and_most(&self.errors_deg));
+        println!("  at the end: {} deg", middle_and_most(&self.ends_deg));
+        println!(
+            "  chi2 / 3 by the covariance: {}",
+            middle_and_most(&self.chi2)
+        );
+        println!("  chained: {} deg", middle_and_most(&self.chained_deg));
+        println!(
+            "  chained, at the end: {} deg",
+            middle_and_most(&self.chained_ends_deg)
+        );
+        let [frames, posed, wrong] = self.again;
+        println!(
+            "  again, with a pose: {}",
+            Proportion::new(posed, frames.max(1))
+        );
+        println!("  again, wrong: {}", Proportion::new(wrong, posed.max(1)));
+        println!("  again, error: {} deg", middle_and_most(&self.again_deg));
+        println!("  spin: {} %", middle_and_most(&self.spins_percent));
+        println!(
+            "  {:.1} ms a frame",
+            self.milliseconds / self.frames.max(1) as f64
+        );
+    }
+}
+
+fn middle_and_most(values: &[f64]) -> String {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = |q: f64| spindoe::stats::quantile(&sorted, q);
+    match values {
+        [] => "none".to_owned(),
+        _ => format!("median {:.2}, 95 % below {:.2}", at(0.5), at(0.95)),
+    }
+}

@@ -1,0 +1,199 @@
+//! Balls painted with marks of any shape: orientations against what was rendered.
+
+use nalgebra::Matrix3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use spindoe::Rotation;
+use spindoe::geometry::{Vec3, random_rotation, rotation_angle, spiral_directions};
+use spindoe::pattern::Pattern;
+use spindoe::synth::blotches::Blotches;
+use spindoe::synth::{Scene, SynthConfig, SynthKind};
+use spindoe::vision::Outline;
+use spindoe::vision::camera::Camera;
+use spindoe::vision::estimator::CameraModel;
+use spindoe::vision::painted::{PaintedFrame, PaintedRejection, PaintedTracker, Surface};
+
+/// The camera's distance, ball radii.
+const DISTANCE: f64 = 20.0;
+
+/// A painted ball before a camera.
+fn ball(seed: u64) -> Scene {
+    let config = SynthConfig {
+        kind: SynthKind::Dotless,
+        ball_px: Some([80.0; 2]),
+        blotches: Some(Blotches::default()),
+        max_off_axis_rad: 0.0,
+        ..SynthConfig::good()
+    };
+    let stand_in = Pattern::new(spiral_directions(12).collect()).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let scene = Scene::random(&stand_in, &config, &mut rng).unwrap();
+    Scene {
+        spin: Vec3::zeros(),
+        shift_px: [0.0; 2],
+        ..scene.with_camera_at(DISTANCE)
+    }
+}
+
+/// What is kept of its image under a rotation, whose outline is given.
+fn frame(ball: &Scene, rotation: &Rotation, noise_seed: u64) -> PaintedFrame {
+    let mut scene = ball.clone();
+    (scene.rotation, scene.noise_seed) = (*rotation, noise_seed);
+    let seen = scene.render().unwrap();
+    let outline = Outline::given(seen.circle, Matrix3::zeros());
+    PaintedFrame::take(&seen.image.to_gray(), &outline)
+}
+
+/// Turned twice around, about two axes, 8 degrees a frame.
+fn turned() -> Vec<Rotation> {
+    let mut rotation = Rotation::identity();
+    let turns = (0..90).map(|k| {
+        let axis = if k < 45 { Vec3::x() } else { Vec3::y() };
+        let now = rotation;
+        rotation = Rotation::from_scaled_axis(axis * 8f64.to_radians()) * rotation;
+        now
+    });
+    turns.collect()
+}
+
+fn tracker() -> PaintedTracker {
+    PaintedTracker::new(&CameraModel::Known(Camera::Near {
+        inverse_distance: 1.0 / DISTANCE,
+    }))
+}
+
+#[test]
+fn a_clip_is_followed_around_and_its_surface_places_frames_of_another() {
+    let ball = ball(1);
+    let truth = turned();
+    let frames: Vec<PaintedFrame> = (0..truth.len())
+        .map(|k| frame(&ball, &truth[k], k as u64))
+        .collect();
+    let tracker = tracker();
+    let track = tracker.track(&frames);
+    let mut errors: Vec<f64> = Vec::new();
+    for (pose, truth) in track.poses.iter().zip(&truth) {
+        let pose = pose.expect("every frame has a pose");
+        errors.push(rotation_angle(&pose.rotation, truth).to_degrees());
+    }
+    let last = errors[errors.len() - 1];
+    errors.sort_by(f64::total_cmp);
+    let (median, worst) = (errors[45], errors[89]);
+    // 1.5 and 4.2 deg when this was written; turns chained from frame to frame are off by more than 15.
+    assert!(median < 2.5 && worst < 8.0, "{median:.2}, {worst:.2} deg");
+    assert!(last < 5.0, "no drift: {last:.2} deg");
+
+    let bytes = track.surface.to_npz().unwrap();
+    let surface = Surface::from_npz("ball.npz".as_ref(), &bytes).unwrap();
+    assert_eq!(surface, track.surface);
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let again: Vec<Rotation> = (0..12)
+        .map(|_| {
+            let nudge = Rotation::from_scaled_axis(Vec3::z() * rng.random_range(-0.5..0.5));
+            nudge * truth[rng.random_range(0..truth.len())]
+        })
+        .collect();
+    let frames: Vec<PaintedFrame> = again.iter().map(|r| frame(&ball, r, 1_000)).collect();
+    let placed = tracker.place(&frames, &surface);
+    let off: Vec<Option<f64>> = (placed.iter().zip(&again))
+        .map(|(pose, truth)| Some(rotation_angle(&pose.ok()?.rotation, truth).to_degrees()))
+        .collect();
+    assert!(off.iter().flatten().count() >= 10, "{off:?}");
+    assert!(off.iter().flatten().all(|e| *e < 8.0), "{off:?}");
+}
+
+#[test]
+fn frames_of_another_ball_and_frames_without_one_have_no_pose() {
+    let own = ball(1);
+    let frames: Vec<PaintedFrame> = turned().iter().map(|r| frame(&own, r, 7)).collect();
+    let tracker = tracker();
+    let surface = tracker.track(&frames).surface;
+    let other = ball(4);
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut frames: Vec<PaintedFrame> = (0..12)
+        .map(|_| frame(&other, &random_rotation(&mut rng), 8))
+        .collect();
+    frames.push(PaintedFrame::default());
+    let placed = tracker.place(&frames, &surface);
+    let lost = placed
+        .iter()
+        .filter(|p| matches!(p, Err(PaintedRejection::Lost)));
+    assert!(lost.count() >= 11, "{placed:?}");
+    assert!(matches!(placed[12], Err(PaintedRejection::NoBall)));
+}
+
+#[test]
+fn a_file_that_is_no_surface_is_refused_by_its_array() {
+    let pattern = crate::common::dots20();
+    let table = spindoe::Ball::new(pattern).to_npz().unwrap();
+    let refused = Surface::from_npz("table.npz".as_ref(), &table).unwrap_err();
+    assert!(refused.to_string().contains("table.npz"), "{refused}");
+    assert!(Surface::from_npz("cut.npz".as_ref(), &table[..100]).is_err());
+}
+
+#[cfg(feature = "cli")]
+#[test]
+fn the_command_follows_a_clip_and_places_another_on_its_surface() {
+    use spindoe::spin::orientations::Orientations;
+    let dir = tempfile::tempdir().unwrap();
+    let at = dir.path();
+    let config = SynthConfig {
+        kind: SynthKind::Dotless,
+        ball_px: Some([80.0; 2]),
+        blotches: Some(Blotches::default()),
+        max_off_axis_rad: 0.0,
+        parallel_share: 0.0,
+        camera_distance_radii: [20.0; 2],
+        ..SynthConfig::good()
+    };
+    let text = serde_json::to_string(&config).unwrap();
+    std::fs::write(at.join("painted.json"), text).unwrap();
+    let done = |words: &str| {
+        let words: Vec<&str> = words.split_whitespace().collect();
+        crate::common::done(at, &words)
+    };
+    done(
+        "synth --preset painted.json -o clip --frames 30 --fps 200 --rps 5 --exposure-ms 0.2 --seed 3",
+    );
+    let painted = "estimate --painted clip/images --camera-distance-radii 20";
+    done(&format!("{painted} -o found.csv --write-surface ball.npz"));
+    done(&format!("{painted} --table ball.npz -o again.csv"));
+    let read = |name: &str| Orientations::read_csv(&at.join(name)).unwrap();
+    let truth = read("clip/orientations.csv");
+    for name in ["found.csv", "again.csv"] {
+        let found = read(name);
+        let (first, base) = (&found.rows[0], truth.rows[0].orientation.unwrap().inverse());
+        assert!(first.orientation.is_some(), "{name}");
+        let mut placed = 0;
+        for (found, truth) in found.rows.iter().zip(&truth.rows) {
+            assert!((found.time_s - truth.time_s).abs() < 1e-9);
+            if let Some(rotation) = found.orientation {
+                let truth = truth.orientation.unwrap() * base;
+                let off = rotation_angle(&rotation, &truth).to_degrees();
+                assert!(off < 5.0, "{name}, {}: {off:.2} deg", found.frame);
+                placed += 1;
+            }
+        }
+        assert!(placed >= 27, "{name}: {placed} of 30");
+    }
+    let spin = done("spin found.csv --json");
+    let spin: serde_json::Value = serde_json::from_str(&spin).unwrap();
+    let rps = spin["rps"].as_f64().unwrap();
+    assert!((rps - 5.0).abs() < 0.25, "{rps} rps");
+    crate::common::refused(
+        at,
+        &["estimate", "--painted", "clip/images", "--json"],
+        2,
+        "--json",
+    );
+    let both = [
+        "estimate",
+        "--painted",
+        "clip/images",
+        "--table",
+        "ball.npz",
+        "--write-surface",
+        "b.npz",
+    ];
+    crate::common::refused(at, &both, 2, "--write-surface");
+}
