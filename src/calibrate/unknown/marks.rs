@@ -76,6 +76,11 @@ impl Mark {
         self.shape.elongation > NO_DISC[0] || self.shape.solidity < NO_DISC[1]
     }
 
+    /// Whether it has no gaps.
+    pub fn is_filled(&self) -> bool {
+        self.shape.solidity >= DISC.solidity
+    }
+
     /// Whether it is too long for a disc, or has gaps.
     pub fn is_drawn(&self) -> bool {
         self.shape.elongation > DISC.elongation || self.shape.solidity < DISC.solidity
