@@ -792,12 +792,59 @@ fn the_spin_of_one_of_several_balls_is_chosen_by_its_number() {
     for (args, expected) in [
         (&[][..], "line 3: ball: expected one ball, found 1 after 0"),
         (&["--ball", "2"], "expected rows of ball 2, found none"),
+        // A ball need not have a row for every frame, so that its rows are at no even intervals.
+        (&["--ball", "1", "--fps", "500"], "--ball"),
     ] {
         let output = spindoe(dir.path(), &[&["spin", "o.csv"][..], args].concat());
         let words = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(2), "{words}");
         assert!(words.contains(expected), "{words}");
     }
+}
+
+#[test]
+fn a_frame_without_a_ball_does_not_make_a_file_one_of_several_balls() {
+    let dir = tempfile::tempdir().unwrap();
+    let row = |k: i32| {
+        let time = 0.002 * f64::from(k);
+        let (s, c) = (std::f64::consts::PI * 20.0 * time).sin_cos();
+        match k % 5 {
+            0 => format!("f,{time},,,,,\n"),
+            _ => format!("f,{time},{c},0,0,{s},3\n"),
+        }
+    };
+    let rows: String = (0..16).map(row).collect();
+    let text = format!("frame,time_s,qw,qx,qy,qz,ball\n{rows}");
+    std::fs::write(dir.path().join("o.csv"), text).unwrap();
+    let json = done(dir.path(), &["spin", "o.csv", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(
+        (json["rps"].as_f64().unwrap() - 20.0).abs() < 0.01,
+        "{json}"
+    );
+    assert_eq!(json["inliers"], 12, "{json}");
+}
+
+#[test]
+fn a_picture_that_lacks_the_region_is_one_of_many() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |args: &[&str]| done(dir.path(), args);
+    run(&["synth", "dots20", "-o", "s", "--frames", "4", "--seed", "2"]);
+    let images = dir.path().join("s/images");
+    let small = image::GrayImage::new(8, 8);
+    small.save(images.join("small.png")).unwrap();
+    let args = ["estimate", "--balls", "1", "--table", "dots20", "s/images"];
+    let region = |roi: &str| spindoe(dir.path(), &[&args[..], &["--roi", roi]].concat());
+    let output = region("0,0,40,40");
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() != Some(2), "{words}");
+    let said = words.lines().filter(|l| l.contains("small.png"));
+    assert_eq!(said.count(), 1, "{words}");
+    // None has it.
+    let output = region("5000,0,40,40");
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{words}");
+    assert!(words.starts_with("spindoe: --roi: expected"), "{words}");
 }
 
 #[test]
