@@ -626,6 +626,28 @@ fn images_of_one_ball_have_one_table() {
 }
 
 #[test]
+fn the_confidence_of_a_covered_image_counts_its_table_once() {
+    let tables = ["dots24", "dots20", "dots32"].map(shipped);
+    let all = BallsEstimator::new(estimators(&tables), Some(3)).unwrap();
+    let times = vec![0.0, 0.9e-3, 2.1e-3];
+    let strobe = Strobe::new(times.clone(), None, SpinConfig::default()).unwrap();
+    let flashes = StrobeConfig {
+        overlap: [0.2, 0.7],
+        ..StrobeConfig::new(times).with_golf_spin()
+    };
+    let mut ws = all.workspace().unwrap();
+    // The third had one of 1.76.
+    for k in 0..4 {
+        let frame = strobed_frame(&tables[1], &SynthConfig::golf(), &flashes, 9102, k).unwrap();
+        let gray = frame.image.to_gray();
+        let balls = all.estimate_strobed(&gray, None, &strobe, &Budget::default(), &mut ws);
+        for pose in balls.iter().filter_map(|b| b.frame.pose()) {
+            assert!((0.0..=1.0).contains(&pose.confidence), "{k}: {pose:?}");
+        }
+    }
+}
+
+#[test]
 fn several_balls_are_warned_of_their_inputs_as_one_is() {
     let dir = tempfile::tempdir().unwrap();
     let make = [

@@ -215,10 +215,6 @@ impl<D: DotDetector> BallsEstimator<D> {
                 let likely = (OutlinePrior::given(circle), Standing::Likely);
                 let mut again = FrameEstimate::default();
                 self.estimate_at(image, best, likely, budget, ws, &mut again);
-                // What had no pose by any table may be no image at all.
-                if ball.frame.pose().is_none() && !is_evident(&again) {
-                    again.reject_pose();
-                }
                 ball.frame = again;
             } else if let Ok(pose) = &mut ball.frame.outcome {
                 // Its own share of the table is in its confidence.
