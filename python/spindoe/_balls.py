@@ -97,8 +97,9 @@ class Balls:
         color: Color | None = None,
         max_rps: float = 175.0,
     ) -> list[list[BallEstimate]]:
-        """The balls of every frame of a sequence; each keeps its number. Times are in seconds, increasing. A pose by another
-        table than all frames of its ball speak for is taken back."""
+        """The balls of every frame of a sequence; each keeps its number. Times are in seconds, increasing. Balls that are
+        missing in a frame are looked for where the frames about it lead. A pose by another table than all frames of its ball
+        speak for is taken back."""
         frames, order = frames_of(images, color)
         times = [float(t) for t in floats("times_s", times_s)]
         found, _ = self._handle.estimate_sequence(frames, order, times, float(max_rps))
@@ -113,8 +114,8 @@ class Balls:
         color: Color | None = None,
         max_rps: float = 250.0,
     ) -> StrobeEstimate:
-        """The images of one ball in an exposure with flashes at these times, seconds; its spin follows from them alone. There is
-        one table.
+        """The images of one ball in an exposure with flashes at these times, seconds; its spin follows from them alone. Of
+        several tables all images have the one that explains them best together.
 
         Args:
             image: The exposure.

@@ -45,8 +45,8 @@ pub struct Arguments {
     /// first, pattern to camera or to what a column camera_frame says, empty where there is none); - is
     /// standard input.
     orientations: PathBuf,
-    /// The ball, of a file of several (`estimate --balls`).
-    #[arg(long, value_name = "N")]
+    /// The ball, of a file of several (`estimate --balls`). Its times are in the file: a ball need not have a row for every frame.
+    #[arg(long, value_name = "N", conflicts_with = "fps")]
     ball: Option<usize>,
     /// How the spin is estimated.
     #[arg(long, value_enum, default_value = "robust")]

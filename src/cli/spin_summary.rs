@@ -4,13 +4,34 @@ use std::f64::consts::TAU;
 
 use serde_json::{Value, json};
 
+use super::spin::LISTED_BEYOND;
 use crate::geometry::{CameraFrame, Vec3, to_wxyz};
-use crate::spin::Fit;
-use crate::spin::robust::standard_deviations;
+use crate::spin::alias::AliasConfig;
+use crate::spin::estimate::{MotionModel, SpinEstimate};
+use crate::spin::orientations::Orientations;
+use crate::spin::robust::{SpinConfig, standard_deviations};
 use crate::spin::summary::SpinSummary;
+use crate::spin::{Fit, SpinRejection};
 
 /// Alternatives printed in words; JSON has them all.
 const MAX_PRINTED: usize = 6;
+
+/// The constant spin of rows whose times increase, in their frame.
+pub(super) fn of_rows(
+    file: &Orientations,
+    spin: &SpinConfig,
+) -> Result<SpinSummary, SpinRejection> {
+    let config = file.spin_config(*spin);
+    let measurements = file.measurements();
+    let estimate = SpinEstimate::fit(&measurements, MotionModel::Constant, &config)?;
+    let listed = AliasConfig {
+        max_rps: LISTED_BEYOND * spin.max_rps,
+        sigma_rad: config.sigma_rad,
+        ..AliasConfig::default()
+    };
+    let at_s = estimate.middle_s();
+    Ok(estimate.summary(&measurements, at_s, &listed, file.rows.len()))
+}
 
 /// The summary as JSON; vectors and orientation in `frame`.
 pub(super) fn to_json(summary: &SpinSummary, frame: CameraFrame) -> Value {

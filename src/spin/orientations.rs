@@ -323,7 +323,7 @@ pub struct OrientationReader<R> {
     interval_s: Option<f64>,
     count: u64,
     camera_frame: Option<CameraFrame>,
-    /// The ball that is read, where one is chosen, and that of the row before.
+    /// The ball that is read, where one is chosen, and that of the rows before.
     chosen: Option<usize>,
     ball: Option<usize>,
     ended: bool,
@@ -388,15 +388,15 @@ impl<R: BufRead> OrientationReader<R> {
             if self.chosen.is_some() && ball != self.chosen {
                 continue;
             }
-            let is_same = ball == self.ball || row.text(FLASH).is_some();
-            if self.count > 0 && !is_same {
-                let [found, before] = [ball, self.ball]
-                    .map(|ball| ball.map_or("none".into(), |number| number.to_string()));
+            // A frame that shows no ball has a row without a number.
+            let is_other = |(found, before): &(usize, usize)| found != before;
+            let other = ball.zip(self.ball).filter(is_other);
+            if let Some((found, before)) = other.filter(|_| row.text(FLASH).is_none()) {
                 return Err(row.error(format!(
                     "ball: expected one ball, found {found} after {before} (--ball chooses one)"
                 )));
             }
-            self.ball = ball;
+            self.ball = ball.or(self.ball);
             let time_s = self.interval_s.map(|interval| interval * self.count as f64);
             let parsed = parse(&row, time_s).map_err(|problem| row.error(problem))?;
             let named = row.text(10).map(str::parse::<CameraFrame>).transpose();

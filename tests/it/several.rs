@@ -626,6 +626,28 @@ fn images_of_one_ball_have_one_table() {
 }
 
 #[test]
+fn the_confidence_of_a_covered_image_counts_its_table_once() {
+    let tables = ["dots24", "dots20", "dots32"].map(shipped);
+    let all = BallsEstimator::new(estimators(&tables), Some(3)).unwrap();
+    let times = vec![0.0, 0.9e-3, 2.1e-3];
+    let strobe = Strobe::new(times.clone(), None, SpinConfig::default()).unwrap();
+    let flashes = StrobeConfig {
+        overlap: [0.2, 0.7],
+        ..StrobeConfig::new(times).with_golf_spin()
+    };
+    let mut ws = all.workspace().unwrap();
+    // The third had one of 1.76.
+    for k in 0..4 {
+        let frame = strobed_frame(&tables[1], &SynthConfig::golf(), &flashes, 9102, k).unwrap();
+        let gray = frame.image.to_gray();
+        let balls = all.estimate_strobed(&gray, None, &strobe, &Budget::default(), &mut ws);
+        for pose in balls.iter().filter_map(|b| b.frame.pose()) {
+            assert!((0.0..=1.0).contains(&pose.confidence), "{k}: {pose:?}");
+        }
+    }
+}
+
+#[test]
 fn several_balls_are_warned_of_their_inputs_as_one_is() {
     let dir = tempfile::tempdir().unwrap();
     let make = [
@@ -792,12 +814,59 @@ fn the_spin_of_one_of_several_balls_is_chosen_by_its_number() {
     for (args, expected) in [
         (&[][..], "line 3: ball: expected one ball, found 1 after 0"),
         (&["--ball", "2"], "expected rows of ball 2, found none"),
+        // A ball need not have a row for every frame, so that its rows are at no even intervals.
+        (&["--ball", "1", "--fps", "500"], "--ball"),
     ] {
         let output = spindoe(dir.path(), &[&["spin", "o.csv"][..], args].concat());
         let words = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(2), "{words}");
         assert!(words.contains(expected), "{words}");
     }
+}
+
+#[test]
+fn a_frame_without_a_ball_does_not_make_a_file_one_of_several_balls() {
+    let dir = tempfile::tempdir().unwrap();
+    let row = |k: i32| {
+        let time = 0.002 * f64::from(k);
+        let (s, c) = (std::f64::consts::PI * 20.0 * time).sin_cos();
+        match k % 5 {
+            0 => format!("f,{time},,,,,\n"),
+            _ => format!("f,{time},{c},0,0,{s},3\n"),
+        }
+    };
+    let rows: String = (0..16).map(row).collect();
+    let text = format!("frame,time_s,qw,qx,qy,qz,ball\n{rows}");
+    std::fs::write(dir.path().join("o.csv"), text).unwrap();
+    let json = done(dir.path(), &["spin", "o.csv", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(
+        (json["rps"].as_f64().unwrap() - 20.0).abs() < 0.01,
+        "{json}"
+    );
+    assert_eq!(json["inliers"], 12, "{json}");
+}
+
+#[test]
+fn a_picture_that_lacks_the_region_is_one_of_many() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = |args: &[&str]| done(dir.path(), args);
+    run(&["synth", "dots20", "-o", "s", "--frames", "4", "--seed", "2"]);
+    let images = dir.path().join("s/images");
+    let small = image::GrayImage::new(8, 8);
+    small.save(images.join("small.png")).unwrap();
+    let args = ["estimate", "--balls", "1", "--table", "dots20", "s/images"];
+    let region = |roi: &str| spindoe(dir.path(), &[&args[..], &["--roi", roi]].concat());
+    let output = region("0,0,40,40");
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() != Some(2), "{words}");
+    let said = words.lines().filter(|l| l.contains("small.png"));
+    assert_eq!(said.count(), 1, "{words}");
+    // None has it.
+    let output = region("5000,0,40,40");
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{words}");
+    assert!(words.starts_with("spindoe: --roi: expected"), "{words}");
 }
 
 #[test]

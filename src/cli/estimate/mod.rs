@@ -230,7 +230,10 @@ const DOTS_ONLY: &[&str] = &[
     "motion",
     "exposure_ms",
     "readout_ms",
-    "json",
+    "no_sequence",
+    "min_confidence",
+    "placement_sigma_deg",
+    "no_verdict",
 ];
 #[cfg(not(feature = "plot"))]
 const DOTS_ONLY: &[&str] = &[
@@ -241,7 +244,10 @@ const DOTS_ONLY: &[&str] = &[
     "motion",
     "exposure_ms",
     "readout_ms",
-    "json",
+    "no_sequence",
+    "min_confidence",
+    "placement_sigma_deg",
+    "no_verdict",
 ];
 
 /// What is for one ball alone.

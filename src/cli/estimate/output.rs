@@ -434,7 +434,7 @@ fn usual_size(sizes: &[[usize; 2]]) -> Option<[usize; 2]> {
     is_usual.then_some(usual)
 }
 
-fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
+pub(super) fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
     [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)]))
 }
 

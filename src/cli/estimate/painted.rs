@@ -1,23 +1,31 @@
 //! `spindoe estimate --painted`: orientations of a ball with marks of any shape.
 
 use std::io::Write as _;
+use std::path::PathBuf;
 
-use super::{Arguments, inputs};
+use serde_json::{Value, json};
+
+use super::{Arguments, inputs, output};
 use crate::ball::Ball;
 use crate::calibrate::SurfaceObserver;
-use crate::cli::images::order_warning;
+use crate::cli::images::{order_warning, unused_warning};
 use crate::cli::output::Counter;
+use crate::cli::spin_summary;
 use crate::error::{Error, Result};
 use crate::files;
-use crate::geometry::{CameraFrame, spiral_directions};
+use crate::geometry::{CameraFrame, spiral_directions, to_wxyz};
 use crate::image::RgbImage;
 use crate::pattern::Pattern;
+use crate::spin::SpinRejection;
 use crate::spin::orientations::{OrientationRow, Orientations};
+use crate::spin::robust::SpinConfig;
+use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
-use crate::vision::estimator::{BatchFrame, BatchObserver, estimate_inputs, turned_covariance};
-use crate::vision::painted::{
-    PaintedFrame, PaintedPose, PaintedPoses, PaintedRejection, PaintedTracker, Surface,
+use crate::vision::estimator::{
+    Batch, BatchConfig, BatchFrame, BatchObserver, SequenceOutcome, estimate_inputs,
+    turned_covariance,
 };
+use crate::vision::painted::{PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface};
 
 /// Directions of the pattern that stands in where there is none: only the ball's outline is used.
 const STAND_IN_DOTS: usize = 20;
@@ -40,18 +48,7 @@ impl BatchObserver for Shown {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let surface = match &arguments.table[..] {
-        [] => None,
-        [path] => Some(Surface::read_npz(path)?),
-        _ => {
-            let problem = "expected one surface with --painted";
-            return Err(Error::argument("--table", problem));
-        }
-    };
-    if surface.is_some() && arguments.write_surface.is_some() {
-        let problem = "expected without --table: that surface stays as it is";
-        return Err(Error::argument("--write-surface", problem));
-    }
+    let surface = arguments.surface()?;
     let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
     let estimator = arguments.estimator(&Ball::new(stand_in))?;
     let config = SurfaceObserver::settings(arguments.batch()?);
@@ -62,86 +59,206 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     let shown = Shown(Counter::new(0, "frames"));
     let tracker = PaintedTracker::new(&arguments.source.camera()?);
-    let batch = estimate_inputs(&estimator, &arguments.images, &config, &shown)?;
+    let mut batch = estimate_inputs(&estimator, &arguments.images, &config, &shown)?;
     shown.0.finish();
-    if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
-        errln!("spindoe: {warning}");
-    }
-    inputs::say_skipped(&batch.skipped);
-    inputs::say_cut_short(&batch.cut_short);
-    if let Some(words) = inputs::times_words(&batch.times, batch.frames.len()) {
-        errln!("times: {words}");
-    }
-    let frames: Vec<PaintedFrame> = batch.frames.iter().map(|f| f.kept.clone()).collect();
-    let poses = match &surface {
-        Some(surface) => tracker.place(&frames, surface),
+    say_inputs(&batch, &config)?;
+    let kept = batch.frames.iter_mut();
+    let frames: Vec<PaintedFrame> = kept.map(|f| std::mem::take(&mut f.kept)).collect();
+    let (poses, made) = match &surface {
+        Some(surface) => (tracker.place(&frames, surface), None),
         None => {
             let track = tracker.track(&frames);
-            if let Some(path) = &arguments.write_surface {
-                track.surface.write_npz(path)?;
-            }
-            errln!("{:.0} % of the ball shown", 100.0 * track.surface.known());
-            track.poses
+            (track.poses, Some(track.surface))
         }
     };
-    say_rejected(&batch.frames, &poses);
-    let text = orientations(&batch.frames, &poses, arguments.frame()?).to_csv();
-    match (file, &arguments.output) {
-        (Some(mut file), Some(path)) => {
-            file.write_all(text.as_bytes())
-                .map_err(|e| Error::write(path, e))?;
-            file.finish()?;
-        }
-        _ => crate::cli::write_stdout(text.as_bytes())?,
-    }
     let posed = poses.iter().flatten().count();
-    errln!("{posed} of {} frames have an orientation", poses.len());
     // Alone, the first frame says nothing.
-    match posed > usize::from(surface.is_none()) {
+    let is_answered = posed > usize::from(made.is_some());
+    if let (Some(path), Some(surface), true) = (&arguments.write_surface, &made, is_answered) {
+        surface.write_npz(path)?;
+    }
+    let report = Report::new(arguments, &batch, poses, made.map(|s| s.known()))?;
+    let text = report.orientations.to_csv();
+    if let (Some(mut file), Some(path)) = (file, &arguments.output) {
+        file.write_all(text.as_bytes())
+            .map_err(|e| Error::write(path, e))?;
+        file.finish()?;
+    }
+    if arguments.json {
+        crate::cli::print_json(&report.to_json())?;
+    } else if arguments.output.is_none() {
+        crate::cli::write_stdout(text.as_bytes())?;
+    }
+    report.say(posed);
+    match is_answered {
         true => Ok(()),
         false => Err(Error::NoAnswer {
             path: arguments.images[0].clone(),
-            reason: "no frame shows the paint of another one".to_owned(),
+            reason: match arguments.table.first() {
+                None => "no frame shows the paint of another one".to_owned(),
+                Some(table) => format!("no frame shows the paint of {}", table.display()),
+            },
         }),
     }
 }
 
-fn say_rejected<K>(frames: &[BatchFrame<K>], poses: &PaintedPoses) {
-    for (frame, pose) in frames.iter().zip(poses) {
-        match (&frame.unreadable, pose) {
-            (Some(why), _) => errln!("{why}"),
-            (None, Err(why)) => errln!("{}: {why}", frame.name),
-            _ => {}
+impl Arguments {
+    /// The surface of an earlier clip, where one is given.
+    fn surface(&self) -> Result<Option<Surface>> {
+        match (&self.table[..], &self.write_surface) {
+            ([], _) => Ok(None),
+            ([_], Some(_)) => {
+                let problem = "expected without --table: that surface stays as it is";
+                Err(Error::argument("--write-surface", problem))
+            }
+            ([path], None) => Surface::read_npz(path).map(Some),
+            _ => {
+                let problem = "expected one surface with --painted";
+                Err(Error::argument("--table", problem))
+            }
         }
     }
 }
 
-fn orientations<K>(
-    frames: &[BatchFrame<K>],
+/// What is to be said of the inputs.
+fn say_inputs(batch: &Batch<PaintedFrame>, config: &BatchConfig) -> Result<()> {
+    if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
+        errln!("spindoe: {warning}");
+    }
+    let paths: Vec<PathBuf> = batch.frames.iter().map(|f| f.path.clone()).collect();
+    if let Some(warning) = unused_warning(config.circles.as_ref(), &paths)? {
+        errln!("spindoe: {warning}");
+    }
+    if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
+        errln!("spindoe: the times do not increase from frame to frame: no spin");
+    }
+    inputs::say_skipped(&batch.skipped);
+    inputs::say_cut_short(&batch.cut_short);
+    Ok(())
+}
+
+/// What is reported.
+struct Report<'a> {
+    batch: &'a Batch<PaintedFrame>,
+    axes: CameraFrame,
+    poses: PaintedPoses,
+    orientations: Orientations,
+    /// Share of the ball that the clip shows.
+    known: Option<f64>,
+    /// Where all frames have times that increase.
+    spin: Option<std::result::Result<SpinSummary, SpinRejection>>,
+}
+
+impl<'a> Report<'a> {
+    fn new(
+        arguments: &Arguments,
+        batch: &'a Batch<PaintedFrame>,
+        poses: PaintedPoses,
+        known: Option<f64>,
+    ) -> Result<Self> {
+        let axes = arguments.frame()?;
+        let orientations = orientations(batch, &poses, axes);
+        let config = SpinConfig {
+            max_rps: arguments.max_spin_rps(),
+            ..SpinConfig::default()
+        };
+        let timed = batch.times_s();
+        let spin = timed.map(|_| spin_summary::of_rows(&orientations, &config));
+        Ok(Self {
+            batch,
+            axes,
+            poses,
+            orientations,
+            known,
+            spin,
+        })
+    }
+
+    /// Summarizes the outcome on standard error.
+    fn say(&self, posed: usize) {
+        for (frame, pose) in self.batch.frames.iter().zip(&self.poses) {
+            match (&frame.unreadable, pose) {
+                (Some(why), _) => errln!("{why}"),
+                (None, Err(why)) => errln!("{}: {why}", frame.name),
+                _ => {}
+            }
+        }
+        if let Some(known) = self.known {
+            errln!("{:.0} % of the ball shown", 100.0 * known);
+        }
+        let count = self.poses.len();
+        errln!("{posed} of {count} frames have an orientation");
+        if let Some(words) = inputs::times_words(&self.batch.times, count) {
+            errln!("times: {words}");
+        }
+        match &self.spin {
+            Some(Ok(summary)) => {
+                errln!(
+                    "spin: {}",
+                    spin_summary::lines(summary, self.axes).join("\n")
+                );
+            }
+            Some(Err(rejection)) => errln!("spin: {rejection}"),
+            None => {}
+        }
+    }
+
+    fn to_json(&self) -> Value {
+        let frames = self.batch.frames.iter().zip(&self.poses);
+        let frames = frames.map(|(frame, pose)| {
+            let mut json = json!({ "frame": frame.name, "time_s": frame.time_s });
+            match (&frame.unreadable, pose) {
+                (Some(why), _) => json["refusal"] = why.clone().into(),
+                (None, Err(why)) => json["refusal"] = why.to_string().into(),
+                (None, Ok(pose)) => {
+                    let turn = self.axes.turn();
+                    let covariance = turned_covariance(&turn, &pose.covariance);
+                    json["orientation_wxyz"] = json!(to_wxyz(&(turn * pose.rotation)));
+                    json["camera_frame"] = json!(self.axes);
+                    json["covariance_rad2"] = json!(output::rows(&covariance));
+                    json["agreement"] = pose.agreement.into();
+                }
+            }
+            json
+        });
+        let mut json = json!({
+            "frame": self.axes,
+            "frames": frames.collect::<Vec<_>>(),
+            "identified": self.poses.iter().flatten().count(),
+            "surface_known": self.known,
+            "times": self.batch.times,
+        });
+        match &self.spin {
+            Some(Ok(summary)) => json["spin"] = spin_summary::to_json(summary, self.axes),
+            Some(Err(rejection)) => json["spin_refusal"] = rejection.to_string().into(),
+            None => {}
+        }
+        json
+    }
+}
+
+fn orientations(
+    batch: &Batch<PaintedFrame>,
     poses: &PaintedPoses,
     axes: CameraFrame,
 ) -> Orientations {
     let turn = axes.turn();
-    let row = |(frame, pose): (
-        &BatchFrame<K>,
-        &std::result::Result<PaintedPose, PaintedRejection>,
-    )| {
-        let pose = pose.as_ref().ok();
-        OrientationRow {
-            frame: frame.name.clone(),
-            time_s: frame.time_s.unwrap_or(f64::NAN),
-            orientation: pose.map(|p| turn * p.rotation),
-            dots: None,
-            matched: None,
-            residual_rad: None,
-            // How often a pose is right depends on how far its clip has drifted, which the frame does not know.
-            confidence: None,
-            covariance: pose.map(|p| turned_covariance(&turn, &p.covariance)),
-            turn: None,
-        }
+    let posed = poses.iter().map(|pose| pose.as_ref().ok());
+    let rows = batch.frames.iter().zip(posed);
+    let row = |(frame, pose): (&BatchFrame<PaintedFrame>, Option<&PaintedPose>)| OrientationRow {
+        frame: frame.name.clone(),
+        time_s: frame.time_s.unwrap_or(f64::NAN),
+        orientation: pose.map(|p| turn * p.rotation),
+        dots: None,
+        matched: None,
+        residual_rad: None,
+        // How often a pose is right depends on how far its clip has drifted, which the frame does not know.
+        confidence: None,
+        covariance: pose.map(|p| turned_covariance(&turn, &p.covariance)),
+        turn: None,
     };
     Orientations {
-        rows: frames.iter().zip(poses).map(row).collect(),
+        rows: rows.map(row).collect(),
         camera_frame: Some(axes),
     }
 }

@@ -209,7 +209,7 @@ impl<D: DotDetector> BallsEstimator<D> {
             .collect();
         let tables = shares(&sums);
         let best = largest(&tables);
-        for ball in balls {
+        for ball in balls.iter_mut() {
             let is_by_best = ball.table == best && ball.frame.pose().is_some();
             if let Some(circle) = ball.circle().filter(|_| !is_by_best) {
                 let likely = (OutlinePrior::given(circle), Standing::Likely);
@@ -223,6 +223,7 @@ impl<D: DotDetector> BallsEstimator<D> {
             (ball.table, ball.tables) = (best, tables.clone());
             self.weigh(ball);
         }
+        balls.sort_by_key(|ball| ball.frame.pose().is_none());
     }
 
     /// The balls of a frame, and those that are found besides where they are expected.
@@ -304,10 +305,11 @@ impl<D: DotDetector> BallsEstimator<D> {
                 self.estimate_at(image, ball.table, outline, &budget, ws, &mut again);
                 ws.workspaces[ball.table].covers.clear();
                 if again.pose().is_some() && is_evident(&again) {
-                    let ball = BallEstimate {
+                    let mut ball = BallEstimate {
                         frame: again,
                         ..ball.clone()
                     };
+                    self.weigh(&mut ball);
                     found.add(ball, None, false);
                     break;
                 }

@@ -77,14 +77,15 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync, O: BatchObserver<[BallEstimat
         observer,
     };
     let listed = files::list_sources(inputs)?;
-    let (mut frames, mut clock) = (Vec::new(), None);
+    let (mut frames, mut clock, mut first_error) = (Vec::new(), None, None);
     let mut cut_short = Vec::new();
     let sources: Vec<&Source> = listed.sources.iter().collect();
     let read = pass.read(
         &sources,
-        |_, frame, ws| pass.alone(&frame, ws),
-        |frame| {
+        |_, frame, ws| pass.alone(frame, ws),
+        |(frame, error)| {
             frames.push(frame);
+            first_error = first_error.take().or(error);
             observer.progress(frames.len());
         },
     )?;
@@ -101,11 +102,9 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync, O: BatchObserver<[BallEstimat
         first += count;
         clock = end.clock.or(clock);
     }
-    let mut unreadable = frames.iter().filter_map(|f| f.frame.unreadable.clone());
-    let first_error = unreadable.next();
     let is_hopeless = frames.iter().all(|f| f.frame.unreadable.is_some());
-    if let (true, Some(words), Some(first)) = (is_hopeless, first_error, frames.first()) {
-        return Err(Error::input(&first.frame.path, "image", words));
+    if let Some(error) = first_error.filter(|_| is_hopeless) {
+        return Err(error);
     }
     let (mut timed, balls): (Vec<_>, Vec<_>) =
         frames.into_iter().map(|f| (f.frame, f.balls)).unzip();
@@ -161,11 +160,11 @@ impl<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>> Pass<'_, D, O> {
         )
     }
 
-    /// A frame that is estimated alone.
-    fn alone(&self, frame: &Frame, ws: &mut BallsWorkspace<'_, D>) -> Result<BallsFrame<O::Kept>> {
+    /// A frame that is estimated alone, and why it cannot be read.
+    fn alone(&self, frame: Frame, ws: &mut BallsWorkspace<'_, D>) -> Alone<O::Kept> {
         let mut done = BatchFrame {
-            name: frame.name.clone(),
-            path: frame.path.clone(),
+            name: frame.name,
+            path: frame.path,
             time_s: frame.time_s,
             first_row_s: None,
             estimate: FrameEstimate::default(),
@@ -173,22 +172,21 @@ impl<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>> Pass<'_, D, O> {
             unreadable: None,
             kept: O::Kept::default(),
         };
-        let picture = match &frame.picture {
+        let picture = match frame.picture {
             Ok(picture) => picture,
-            Err(error) => {
-                done.estimate.outcome = Err(FrameRejection::Unreadable);
-                done.unreadable = Some(error.to_string());
-                return Ok(BallsFrame {
-                    frame: done,
-                    balls: Vec::new(),
-                });
-            }
+            Err(error) => return Ok(unread(done, error.to_string(), error)),
         };
         let image = picture.view()?;
         done.size = Some([image.width(), image.height()]);
-        let region = match &self.config.roi {
-            Some(roi) => Some(roi.within(image.width(), image.height())?),
-            None => None,
+        let roi = self.config.roi.as_ref();
+        let region = roi.map(|roi| roi.within(image.width(), image.height()));
+        // A part that one picture lacks, others may have.
+        let region = match region.transpose() {
+            Ok(region) => region,
+            Err(error) => {
+                let words = format!("{}: {error}", done.path.display());
+                return Ok(unread(done, words, error));
+            }
         };
         let budget = &self.config.budget;
         let balls = match self.strobe {
@@ -197,8 +195,8 @@ impl<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>> Pass<'_, D, O> {
                 .estimate_strobed(image, region, strobe, budget, ws),
             None => self.estimator.estimate(image, region, &[], budget, ws),
         };
-        done.kept = self.keep(picture, &balls)?;
-        Ok(BallsFrame { frame: done, balls })
+        done.kept = self.keep(&picture, &balls)?;
+        Ok((BallsFrame { frame: done, balls }, None))
     }
 
     fn keep(&self, picture: &Picture, balls: &[BallEstimate]) -> Result<O::Kept> {
@@ -233,7 +231,9 @@ impl<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>> Pass<'_, D, O> {
             let image = picture.view()?;
             let mut expected = missing[k].clone();
             if let Some(roi) = &self.config.roi {
-                let region = roi.within(image.width(), image.height())?;
+                let Ok(region) = roi.within(image.width(), image.height()) else {
+                    return Ok(None);
+                };
                 let within = |x: f64, from: usize, size: usize| {
                     (from as f64..(from + size) as f64).contains(&x)
                 };
@@ -254,6 +254,21 @@ impl<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>> Pass<'_, D, O> {
         })?;
         Ok(())
     }
+}
+
+/// A frame, and why it cannot be read.
+type Alone<K> = Result<(BallsFrame<K>, Option<Error>)>;
+
+/// A frame that cannot be read.
+fn unread<K>(
+    mut frame: BatchFrame<K>,
+    words: String,
+    why: Error,
+) -> (BallsFrame<K>, Option<Error>) {
+    frame.estimate.outcome = Err(FrameRejection::Unreadable);
+    frame.unreadable = Some(words);
+    let balls = Vec::new();
+    (BallsFrame { frame, balls }, Some(why))
 }
 
 /// Takes results in their order.

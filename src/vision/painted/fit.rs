@@ -88,6 +88,8 @@ impl FitSpace {
             let turn = matrix.cholesky()?.solve(&vector);
             let turn = turn * (MAX_STEP / turn.norm().max(MAX_STEP));
             rotation *= Rotation::from_scaled_axis(-turn);
+            // Starts are products of the frames before: without this, errors of their length multiply by 2.4 with every frame.
+            rotation.renormalize();
             if turn.norm() < SETTLED {
                 break;
             }

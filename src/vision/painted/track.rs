@@ -223,8 +223,8 @@ impl PaintedTracker {
                 blurred = None;
             }
             all.push(best);
-            if all.len() == check {
-                check *= 2;
+            if let Some(next) = check_after(check, all.len()) {
+                check = next;
                 let shown = self.surface(&faces[..all.len()], &all);
                 all = self.settle(&faces[..all.len()], &shown, &all);
                 surface = self.surface(&faces[..all.len()], &all);
@@ -305,6 +305,13 @@ impl PaintedTracker {
     }
 }
 
+/// Where a check is due after so many frames, the number of frames after which the next one is. A frame without a ball comes by no check:
+/// the next one with a ball makes up for it.
+fn check_after(check: usize, frames: usize) -> Option<usize> {
+    let is_due = frames >= check;
+    is_due.then(|| std::iter::successors(Some(check), |c| Some(2 * c)).find(|c| *c > frames))?
+}
+
 /// The middle of the agreements so far, of the frames after the first.
 fn middle(laid: &[Option<Laid>]) -> f64 {
     let mut all: Vec<f64> = laid.iter().skip(1).flatten().map(|l| l.agreement).collect();
@@ -343,4 +350,27 @@ fn poses(faces: &Faces, laid: &[Option<Laid>]) -> PaintedPoses {
         })
     };
     (0..laid.len()).map(pose).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_without_a_ball_takes_no_check_away() {
+        let checks = |frames: &[usize]| -> Vec<usize> {
+            let mut check = FIRST_CHECK;
+            let due = frames.iter().filter(|n| {
+                let next = check_after(check, **n);
+                check = next.unwrap_or(check);
+                next.is_some()
+            });
+            due.copied().collect()
+        };
+        let all: Vec<usize> = (2..140).collect();
+        assert_eq!(checks(&all), [16, 32, 64, 128]);
+        let gaps: Vec<usize> = (2..140).filter(|n| ![16, 32, 33].contains(n)).collect();
+        assert_eq!(checks(&gaps), [17, 34, 64, 128]);
+        assert_eq!(checks(&[70, 71, 127, 128]), [70, 128]);
+    }
 }

@@ -74,6 +74,8 @@ fn a_clip_is_followed_around_and_its_surface_places_frames_of_another() {
     let mut errors: Vec<f64> = Vec::new();
     for (pose, truth) in track.poses.iter().zip(&truth) {
         let pose = pose.expect("every frame has a pose");
+        let length = pose.rotation.quaternion().norm();
+        assert!((length - 1.0).abs() < 1e-12, "a rotation: {length}");
         errors.push(rotation_angle(&pose.rotation, truth).to_degrees());
     }
     let last = errors[errors.len() - 1];
@@ -180,12 +182,24 @@ fn the_command_follows_a_clip_and_places_another_on_its_surface() {
     let spin: serde_json::Value = serde_json::from_str(&spin).unwrap();
     let rps = spin["rps"].as_f64().unwrap();
     assert!((rps - 5.0).abs() < 0.25, "{rps} rps");
-    crate::common::refused(
-        at,
-        &["estimate", "--painted", "clip/images", "--json"],
-        2,
-        "--json",
-    );
+    let json = done(&format!("{painted} --json -o by_json.csv"));
+    assert_eq!(read("by_json.csv"), read("found.csv"));
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    // A constant spin; that of the file may be of another motion.
+    let said = json["spin"]["rps"].as_f64().unwrap();
+    assert!((said - rps).abs() < 0.02, "{said} rps");
+    let frames = json["frames"].as_array().unwrap();
+    assert_eq!(frames.len(), 30);
+    for (frame, row) in frames.iter().zip(read("found.csv").rows) {
+        let found = frame["orientation_wxyz"].is_array();
+        assert_eq!(found, row.orientation.is_some(), "{}", row.frame);
+        assert_ne!(found, frame["refusal"].is_string(), "{}", row.frame);
+    }
+    for flag in ["--min-confidence=0.5", "--no-sequence"] {
+        let name = flag.split('=').next().unwrap();
+        let args = ["estimate", "--painted", "clip/images", flag];
+        crate::common::refused(at, &args, 2, name);
+    }
     let both = [
         "estimate",
         "--painted",
@@ -196,4 +210,23 @@ fn the_command_follows_a_clip_and_places_another_on_its_surface() {
         "b.npz",
     ];
     crate::common::refused(at, &both, 2, "--write-surface");
+}
+
+#[cfg(feature = "cli")]
+#[test]
+fn a_clip_without_a_ball_leaves_no_surface() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = dir.path();
+    std::fs::create_dir(at.join("black")).unwrap();
+    for k in 0..2 {
+        let black = image::GrayImage::new(64, 64);
+        black.save(at.join(format!("black/{k}.png"))).unwrap();
+    }
+    let args = "estimate --painted black --write-surface ball.npz -o found.csv";
+    let args: Vec<&str> = args.split(' ').collect();
+    let output = crate::common::spindoe(at, &args);
+    assert_eq!(output.status.code(), Some(3));
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(words.contains("no frame shows the paint"), "{words}");
+    assert!(at.join("found.csv").exists() && !at.join("ball.npz").exists());
 }

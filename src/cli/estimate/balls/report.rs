@@ -5,17 +5,14 @@ use serde_json::{Value, json};
 #[cfg(feature = "plot")]
 use crate::cli::estimate::overlay;
 use crate::cli::estimate::{Arguments, Picture, inputs, output};
-use crate::cli::spin::LISTED_BEYOND;
 use crate::cli::spin_summary;
 use crate::error::Result;
 use crate::files::csv::shown;
 use crate::geometry::CameraFrame;
 #[cfg(feature = "plot")]
 use crate::plot::OverlayFrame;
-use crate::spin::alias::AliasConfig;
-use crate::spin::estimate::{MotionModel, SpinEstimate};
 use crate::spin::golf::{Flight, GolfSpin};
-use crate::spin::orientations::{OrientationRow, OrientationWriter, Orientations};
+use crate::spin::orientations::{OrientationRow, OrientationWriter};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::spin::{Fit, SpinRejection};
@@ -149,7 +146,7 @@ impl<'a> Report<'a> {
                     table_probability: 1.0,
                     frames: file.rows.len(),
                     identified: file.rows.iter().filter(|r| r.orientation.is_some()).count(),
-                    spin: Some(self.spin(&file, spin)),
+                    spin: Some(spin_summary::of_rows(&file, spin)),
                 });
             }
             for ((k, ball), row) in places.into_iter().zip(file.rows) {
@@ -164,23 +161,6 @@ impl<'a> Report<'a> {
             }
         }
         self.rows = rows;
-    }
-
-    fn spin(
-        &self,
-        file: &Orientations,
-        spin: &SpinConfig,
-    ) -> std::result::Result<SpinSummary, SpinRejection> {
-        let config = file.spin_config(*spin);
-        let measurements = file.measurements();
-        let estimate = SpinEstimate::fit(&measurements, MotionModel::Constant, &config)?;
-        let listed = AliasConfig {
-            max_rps: LISTED_BEYOND * spin.max_rps,
-            sigma_rad: config.sigma_rad,
-            ..AliasConfig::default()
-        };
-        let at_s = estimate.middle_s();
-        Ok(estimate.summary(&measurements, at_s, &listed, file.rows.len()))
     }
 
     /// The rows of strobed balls: in order of time, then what the likeliest hypothesis leaves out; the numbers of the balls.
