@@ -56,7 +56,7 @@ fn an_ellipse_is_the_outline_of_a_ball_off_the_axis() {
             eccentricity: off.normalize() * (1.0 - (b / a).powi(2)).sqrt(),
         };
         for k in 0..12 {
-            let at = seen.rim(0.5236 * f64::from(k));
+            let at = seen.rim(std::f64::consts::FRAC_PI_6 * f64::from(k));
             let off = Vector2::new(at.u - ellipse.center.u, at.v - ellipse.center.v);
             let (s, c) = ellipse.angle_rad.sin_cos();
             let (x, y) = (c * off.x + s * off.y, c * off.y - s * off.x);
