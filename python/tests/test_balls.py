@@ -30,9 +30,14 @@ def test_the_spin_of_an_exposure(command, tmp_path):
         balls.estimate_strobe(image, [0.0, 0.0])
     with pytest.raises(ValueError, match="strobe"):
         balls.estimate_strobe(image, [0.0, 1.5])
-    two = spindoe.Balls([*balls.estimators, *balls.estimators])
-    with pytest.raises(ValueError, match="table"):
-        two.estimate_strobe(image, [0.0, 1e-3])
+    # Of several tables all images of an exposure have the one that explains them best together.
+    two = spindoe.Balls([spindoe.Estimator("dots24"), *balls.estimators], count=3)
+    by_two = two.estimate_strobe(image, [0.0, 0.9e-3, 2.1e-3])
+    assert len(by_two.balls) == 3
+    for ball in by_two.balls:
+        assert ball.table_probabilities[1] == pytest.approx(1.0, abs=1e-6)
+    alone, of_two = ours.hypotheses[0].spin_rad_s, by_two.hypotheses[0].spin_rad_s
+    assert np.linalg.norm(of_two - alone) < 0.02 * np.linalg.norm(alone)
     with pytest.raises(ValueError, match="flight"):
         balls.estimate_strobe(image, [0.0, 1e-3], flight="sideways")  # type: ignore[arg-type]
 

@@ -4,19 +4,26 @@ use std::f64::consts::TAU;
 
 use serde_json::{Value, json};
 
+#[cfg(feature = "vision")]
 use super::spin::LISTED_BEYOND;
 use crate::geometry::{CameraFrame, Vec3, to_wxyz};
-use crate::spin::alias::AliasConfig;
-use crate::spin::estimate::{MotionModel, SpinEstimate};
-use crate::spin::orientations::Orientations;
-use crate::spin::robust::{SpinConfig, standard_deviations};
+use crate::spin::Fit;
+use crate::spin::robust::standard_deviations;
 use crate::spin::summary::SpinSummary;
-use crate::spin::{Fit, SpinRejection};
+#[cfg(feature = "vision")]
+use crate::spin::{
+    SpinRejection,
+    alias::AliasConfig,
+    estimate::{MotionModel, SpinEstimate},
+    orientations::Orientations,
+    robust::SpinConfig,
+};
 
 /// Alternatives printed in words; JSON has them all.
 const MAX_PRINTED: usize = 6;
 
 /// The constant spin of rows whose times increase, in their frame.
+#[cfg(feature = "vision")]
 pub(super) fn of_rows(
     file: &Orientations,
     spin: &SpinConfig,
