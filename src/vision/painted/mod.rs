@@ -1,8 +1,8 @@
 //! Balls painted with marks of any shape: blotches, letters, a map of the world.
 //!
-//! No pattern is known and no mark is named. A frame's [`face`] is what it shows of the paint, whatever the light; the [`surface`] is the
-//! paint all over the ball, by all frames; [`fit`] lays a face on the surface by least squares, and [`search`] finds where it lies when
-//! nothing is known. [`track`] follows a clip: each frame is laid on the surface that those before it show, from where the last turn leads,
+//! No pattern is known and no mark is named. A frame's `face` is what it shows of the paint, whatever the light; the `surface` is the
+//! paint all over the ball, by all frames; `fit` lays a face on the surface by least squares, and `search` finds where it lies when
+//! nothing is known. `track` follows a clip: each frame is laid on the surface that those before it show, from where the last turn leads,
 //! and what it shows joins the surface. After 16 frames, 32, 64 and so on all are laid on the surface that all show, and at the end again:
 //! a bundle adjustment of pixels, by which a turn that comes around closes. Frames that agree with the surface nowhere have no pose. Related:
 //! R. J. D. Moore et al., "FicTrac: a visual method for tracking spherical motion", J. Neurosci. Methods 225, 2014, which keeps a map of
