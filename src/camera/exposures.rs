@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::frames::FrameOutcome;
 use super::racing::{RaceConfig, Racer, race};
+use super::trials::MAX_TRIALS;
 use crate::concurrency;
 use crate::error::{Result, require};
 use crate::geometry::{CameraFrame, Vec3};
@@ -356,8 +357,7 @@ pub fn advise_exposures(
     config: &RaceConfig,
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<Vec<ExposureAdvice>> {
-    let most = 1_000_000;
-    let is_possible = (1..=most).contains(&config.max_frames);
+    let is_possible = (1..=MAX_TRIALS).contains(&config.max_frames);
     require(is_possible, "frames", "1 to 1000000", config.max_frames)?;
     let mut read: Vec<Vec<ExposureOutcome>> = vec![Vec::new(); patterns.len()];
     let racers: Vec<Racer<'_>> = patterns

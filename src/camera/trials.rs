@@ -15,7 +15,7 @@ use crate::vision::{
 };
 
 /// Maximum number of frames, and of sequences.
-const MAX_TRIALS: u64 = 1_000_000;
+pub(super) const MAX_TRIALS: u64 = 1_000_000;
 /// Frames of a sequence, at most.
 const MAX_SEQUENCE: usize = 10_000;
 /// Frames that one task works on: a workspace serves them all.

@@ -253,14 +253,7 @@ fn turned<R: Rng + ?Sized>(
             None => None,
         };
         for i in 0..stroke + pause {
-            // Strokes begin and end slowly.
-            let phase = 0.5 * TAU * (i as f64 + 0.5) / stroke as f64;
-            let turn = if i < stroke {
-                1.5 * step * phase.sin()
-            } else {
-                0.0
-            };
-            let turn = axis * turn + random_direction(rng) * TREMOR[0];
+            let turn = axis * stroke_turn(i, stroke, step) + random_direction(rng) * TREMOR[0];
             let mut frame = scene.clone();
             frame.rotation = rotation;
             frame.spin = turn * fps;
@@ -276,6 +269,15 @@ fn turned<R: Rng + ?Sized>(
     }
     scenes.truncate(frames);
     Ok(scenes)
+}
+
+/// The turn of a frame of a stroke, which begins and ends slowly, and of the pause after it; `step` is the mean one.
+pub(crate) fn stroke_turn(frame: usize, stroke: usize, step: f64) -> f64 {
+    let phase = 0.5 * TAU * (frame as f64 + 0.5) / stroke as f64;
+    match frame < stroke {
+        true => 1.5 * step * phase.sin(),
+        false => 0.0,
+    }
 }
 
 /// A finger or some of them before the ball.

@@ -134,13 +134,8 @@ impl PaintedClip {
                 None => None,
             };
             for i in 0..stroke + pause {
-                let phase = 0.5 * TAU * (i as f64 + 0.5) / stroke as f64;
-                let turn = if i < stroke {
-                    1.5 * step * phase.sin()
-                } else {
-                    0.0
-                };
-                let turn = axis * turn + random_direction(rng) * 0.004;
+                let turn = axis * crate::hand::stroke_turn(i, stroke, step)
+                    + random_direction(rng) * 0.004;
                 scene.circle = still;
                 let mut shake = || 0.01 * still.radius * rng.random_range(-1.0..1.0);
                 scene.circle.center.u += shake();

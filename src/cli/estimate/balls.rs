@@ -2,7 +2,6 @@
 
 mod report;
 
-use std::io::Write as _;
 use std::str::FromStr;
 
 use serde_json::json;
@@ -92,17 +91,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         let frame = |k: usize| report.drawn(k, estimator.estimators());
         target.draw(report.times(), report.frames(), frame)?;
     }
-    let text = report.to_csv();
-    if let (Some(mut file), Some(path)) = (file, &arguments.output) {
-        file.write_all(text.as_bytes())
-            .map_err(|e| Error::write(path, e))?;
-        file.finish()?;
-    }
-    if arguments.json {
-        crate::cli::print_json(&report.to_json())?;
-    } else if arguments.output.is_none() {
-        crate::cli::write_stdout(text.as_bytes())?;
-    }
+    arguments.write(file, &report.to_csv(), || report.to_json())?;
     report.say();
     match report.identified() {
         0 => Err(Error::NoAnswer {

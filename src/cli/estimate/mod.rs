@@ -81,11 +81,11 @@ pub struct Arguments {
     /// Draw every frame with its detections, and a contact sheet, into this folder; or, where the name
     /// ends in .mp4, an annotated video (through ffmpeg; more than 30 frames a second play slower).
     #[cfg(feature = "plot")]
-    #[arg(long, value_name = "DIR_OR_MP4")]
+    #[arg(long, value_name = "DIR_OR_MP4", conflicts_with_all = ["follow", "painted"])]
     overlay: Option<PathBuf>,
     /// Write a page to look at: frames, orientations over time, the spin, rejected frames.
     #[cfg(feature = "plot")]
-    #[arg(long, value_name = "FILE.html")]
+    #[arg(long, value_name = "FILE.html", conflicts_with_all = ["balls", "strobe_ms", "painted"])]
     report: Option<PathBuf>,
     /// The axes that orientations and spin are written in: camera, x right, y up, z towards the camera; optical, x right, y down,
     /// z forward. Without --intrinsics the frame is the view frame, whose z points from the ball to the camera.
@@ -212,31 +212,11 @@ pub struct Arguments {
     max_latency_ms: Option<f64>,
 }
 
-/// What only a set of files has.
-#[cfg(feature = "plot")]
-const FILES_ONLY: [&str; 5] = ["output", "overlay", "times", "no_sequence", "json"];
-#[cfg(not(feature = "plot"))]
+/// What only a set of files has; overlays say so themselves, since they are not in every build, and so it is below.
 const FILES_ONLY: [&str; 4] = ["output", "times", "no_sequence", "json"];
 
 /// What only balls with dots have.
-#[cfg(feature = "plot")]
-const DOTS_ONLY: &[&str] = &[
-    "balls",
-    "strobe_ms",
-    "follow",
-    "overlay",
-    "report",
-    "calibrate",
-    "motion",
-    "exposure_ms",
-    "readout_ms",
-    "no_sequence",
-    "min_confidence",
-    "placement_sigma_deg",
-    "no_verdict",
-];
-#[cfg(not(feature = "plot"))]
-const DOTS_ONLY: &[&str] = &[
+const DOTS_ONLY: [&str; 11] = [
     "balls",
     "strobe_ms",
     "follow",
@@ -251,18 +231,7 @@ const DOTS_ONLY: &[&str] = &[
 ];
 
 /// What is for one ball alone.
-#[cfg(feature = "plot")]
-const ONE_BALL: &[&str] = &[
-    "report",
-    "calibrate",
-    "circle",
-    "motion",
-    "exposure_ms",
-    "readout_ms",
-    "mirrored",
-];
-#[cfg(not(feature = "plot"))]
-const ONE_BALL: &[&str] = &[
+const ONE_BALL: [&str; 6] = [
     "calibrate",
     "circle",
     "motion",
@@ -404,16 +373,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         page::write(path, &estimators[judgment.table()], &batch, &report)?;
     }
     let text = report.orientations_csv();
-    if let (Some(mut file), Some(path)) = (file, &arguments.output) {
-        file.write_all(text.as_bytes())
-            .map_err(|e| Error::write(path, e))?;
-        file.finish()?;
-    }
-    if arguments.json {
-        super::print_json(&report.to_json())?;
-    } else if arguments.output.is_none() {
-        super::write_stdout(text.as_bytes())?;
-    }
+    arguments.write(file, &text, || report.to_json())?;
     report.say();
     match report.no_answer() {
         None => Ok(()),
@@ -457,6 +417,26 @@ fn calibrate_in_place(
 }
 
 impl Arguments {
+    /// Writes the rows to the file where there is one, and what standard output has: JSON where it is asked for, else the rows that no
+    /// file has.
+    fn write(
+        &self,
+        file: Option<files::OutputFile>,
+        rows: &str,
+        json: impl FnOnce() -> serde_json::Value,
+    ) -> Result<()> {
+        if let (Some(mut file), Some(path)) = (file, &self.output) {
+            file.write_all(rows.as_bytes())
+                .map_err(|e| Error::write(path, e))?;
+            file.finish()?;
+        }
+        match (self.json, &self.output) {
+            (true, _) => super::print_json(&json()),
+            (false, None) => super::write_stdout(rows.as_bytes()),
+            (false, Some(_)) => Ok(()),
+        }
+    }
+
     /// The smears of the frames that have times, for spins in `frame`.
     fn smears(
         &self,

@@ -1,6 +1,5 @@
 //! `spindoe estimate --painted`: orientations of a ball with marks of any shape.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 
 use serde_json::{Value, json};
@@ -78,17 +77,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         surface.write_npz(path)?;
     }
     let report = Report::new(arguments, &batch, poses, made.map(|s| s.known()))?;
-    let text = report.orientations.to_csv();
-    if let (Some(mut file), Some(path)) = (file, &arguments.output) {
-        file.write_all(text.as_bytes())
-            .map_err(|e| Error::write(path, e))?;
-        file.finish()?;
-    }
-    if arguments.json {
-        crate::cli::print_json(&report.to_json())?;
-    } else if arguments.output.is_none() {
-        crate::cli::write_stdout(text.as_bytes())?;
-    }
+    let rows = report.orientations.to_csv();
+    arguments.write(file, &rows, || report.to_json())?;
     report.say(posed);
     match is_answered {
         true => Ok(()),

@@ -213,7 +213,8 @@ impl<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>> Pass<'_, D, O> {
         times_s: &[f64],
         frames: &mut [BallsFrame<O::Kept>],
     ) -> Result<()> {
-        let balls: Vec<Vec<BallEstimate>> = frames.iter().map(|f| f.balls.clone()).collect();
+        let before = frames.iter_mut().map(|f| std::mem::take(&mut f.balls));
+        let balls: Vec<Vec<BallEstimate>> = before.collect();
         let missing = missing_balls(self.config.sequence.spin, times_s, &balls);
         let numbered = missing.iter().enumerate();
         let wanted: Vec<usize> = numbered
@@ -247,11 +248,16 @@ impl<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>> Pass<'_, D, O> {
             let kept = self.keep(&picture, &found)?;
             Ok(Some((k, found, kept)))
         };
-        self.read(&read, again, |changed| {
-            if let Some((k, balls, kept)) = changed {
-                (frames[k].balls, frames[k].frame.kept) = (balls, kept);
-            }
-        })?;
+        let mut changed = Vec::new();
+        if !wanted.is_empty() {
+            self.read(&read, again, |frame| changed.extend(frame))?;
+        }
+        for (frame, balls) in frames.iter_mut().zip(balls) {
+            frame.balls = balls;
+        }
+        for (k, balls, kept) in changed {
+            (frames[k].balls, frames[k].frame.kept) = (balls, kept);
+        }
         Ok(())
     }
 }
