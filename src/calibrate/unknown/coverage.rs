@@ -1,12 +1,12 @@
 //! Whether a map is a pattern: most frames hang together, and they show the whole ball.
 
 use super::map::{Map, NEW_DEPTH};
-use super::marks::{MarkPlace, marks};
+use super::marks::{MAX_SIGMA_RAD, MarkPlace, marks};
 use super::surface::Surface;
 use super::{BuiltPattern, MIN_VIEWS, UnknownRejection};
 use crate::calibrate::bundle::Bundle;
 use crate::calibrate::result::rms_sigma_rad;
-use crate::geometry::{Vec3, angle_between, spiral_directions};
+use crate::geometry::{Vec3, spiral_directions};
 use crate::pattern::{MIN_DOTS, Pattern};
 use crate::stats::median;
 
@@ -17,11 +17,6 @@ const MIN_PLACED: f64 = 0.6;
 /// Share of the detections in these frames that must be the map's: in a map torn in two half of them are not, on 80
 /// rendered balls at least 94 % were.
 const MIN_EXPLAINED: f64 = 0.8;
-/// Largest standard deviation of a dot's place, radians. Dots that only the limb shows have more, and the
-/// outline's error shifts them farther.
-const MAX_SIGMA_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// Surface and detections that are farther apart, radians, do not show the same dot: the surface does then.
-pub(super) const AGREE_RAD: f64 = 1.0 * std::f64::consts::PI / 180.0;
 /// Places at which the coverage is looked up.
 const PLACES: usize = 400;
 /// Share of the places that may lack views: of twenty dots six in ten hide none there. Where the number of
@@ -115,14 +110,10 @@ impl Map<'_> {
         let mut rough: Vec<(Vec3, f64)> = Vec::new();
         for (&j, place) in names.iter().zip(&places) {
             let (direction, sigma) = (self.dots[j].direction, rms_sigma_rad(&fits[j].covariance));
-            let place = place.filter(|p| p.is_sure).map(|p| p.direction);
-            let agree = |place: Vec3| angle_between(&place, &direction) < AGREE_RAD;
-            match place {
-                _ if sigma <= MAX_SIGMA_RAD && place.is_none_or(agree) => {
-                    directions.push(direction);
-                }
-                Some(place) => directions.push(place),
-                None => rough.push((direction, sigma)),
+            match place.filter(|p| p.is_sure) {
+                Some(place) if !place.agrees(&direction, sigma) => directions.push(place.direction),
+                None if sigma > MAX_SIGMA_RAD => rough.push((direction, sigma)),
+                _ => directions.push(direction),
             }
         }
         if let Some((direction, _)) = rough.first() {

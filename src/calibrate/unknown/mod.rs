@@ -27,9 +27,8 @@ mod tidy;
 use std::borrow::Borrow;
 
 use super::config::CalibrationConfig;
-use super::result::{Calibration, DotState};
+use super::result::{Calibration, DotState, rms_sigma_rad};
 use crate::error::Result;
-use crate::geometry::angle_between;
 use crate::image::RgbImage;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::vision::FrameEstimate;
@@ -38,7 +37,6 @@ use crate::vision::estimator::{BatchConfig, BatchObserver};
 use crate::vision::{Budget, Outline};
 use nalgebra::Matrix2;
 
-use coverage::AGREE_RAD;
 pub use design::matching_design;
 use map::Map;
 use marks::MARK_SIGMA_RAD;
@@ -232,7 +230,8 @@ impl UnknownRejection {
     }
 }
 
-/// The calibration of a built pattern, with the dots that the estimator sees too seldom for it where the ball's surface shows them.
+/// The calibration of a built pattern, with the dots that the estimator sees too seldom for it, or elsewhere, where the ball's surface shows
+/// them.
 ///
 /// # Errors
 /// [`UnknownRejection::Unconfirmed`] where dots are confirmed neither by the estimator nor by the surface.
@@ -243,17 +242,17 @@ pub fn confirmed(
     let (mut dots, found) = (0, calibration.dots.len());
     for (dot, place) in calibration.dots.iter_mut().zip(&built.places) {
         let is_found = matches!(dot.state, DotState::Measured | DotState::Doubtful);
+        let sigma_rad = rms_sigma_rad(&dot.covariance);
         match place {
-            Some(place) if !is_found && place.is_sure => {
-                dot.state = DotState::Measured;
-                dot.direction = place.direction;
-                dot.covariance = Matrix2::identity() * MARK_SIGMA_RAD.powi(2);
+            Some(place) if place.is_sure => {
+                if !is_found || !place.agrees(&dot.direction, sigma_rad) {
+                    dot.state = DotState::Measured;
+                    dot.direction = place.direction;
+                    dot.covariance = Matrix2::identity() * MARK_SIGMA_RAD.powi(2);
+                }
             }
             // Few views of a dot may all err to one side.
-            Some(place) if is_found && !place.is_sure => {
-                let apart = angle_between(&place.direction, &dot.direction);
-                dots += usize::from(apart > AGREE_RAD);
-            }
+            Some(place) if is_found => dots += usize::from(!place.is_near(&dot.direction)),
             _ => dots += usize::from(!is_found),
         }
     }
