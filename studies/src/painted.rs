@@ -13,7 +13,7 @@ use spindoe::synth::{Rendering, Scene, SynthConfig, SynthKind};
 use crate::Outcome;
 
 /// What is done with the ball.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Handling {
     /// It floats in a cup, in one place, and an animal turns it.
     Treadmill,

@@ -40,7 +40,7 @@ pub enum CameraModel {
 
 impl CameraModel {
     /// The largest inverse distance that an estimate may have: the ball fills 35 degrees of the view.
-    pub(super) const MAX_INVERSE_DISTANCE: f64 = 0.3;
+    pub(crate) const MAX_INVERSE_DISTANCE: f64 = 0.3;
 
     /// Whether orientations are in the view frame, since the intrinsics are unknown.
     pub fn is_view(&self) -> bool {

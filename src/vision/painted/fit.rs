@@ -18,20 +18,20 @@ use crate::geometry::{Rotation, Vec3};
 use crate::stats::{SIGMA_PER_MAD, median};
 
 /// Depth from which a place takes part.
-const ALIGNED: f64 = 0.4;
+pub(super) const ALIGNED: f64 = 0.4;
 /// Steps of a fit, and the step, radians, at which it ends.
 const FIT_STEPS: usize = 20;
 const SETTLED: f64 = 2e-4;
 /// The standard deviation of residuals in the first step, at least; three quarters of it in each further one.
 const COARSE: f64 = 0.6;
 /// Residuals beyond so many standard deviations do not count.
-const REACH: f64 = 4.0;
+pub(super) const REACH: f64 = 4.0;
 /// No residual is known better: the steps of a camera's values, and the surface between its places.
-const LEAST_SIGMA: f64 = 0.02;
+pub(super) const LEAST_SIGMA: f64 = 0.02;
 /// Share of the places in sight that are known, at least.
 const MIN_KNOWN: f64 = 0.5;
 /// No step is longer, radians: slopes reach no farther.
-const MAX_STEP: f64 = 0.15;
+pub(super) const MAX_STEP: f64 = 0.15;
 
 /// A face on the surface.
 #[derive(Debug, Clone, Copy)]

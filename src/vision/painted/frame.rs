@@ -73,25 +73,32 @@ impl PaintedFrame {
         }))
     }
 
+    /// Bytes that it takes.
+    pub fn bytes(&self) -> usize {
+        let pixels = self.0.as_ref().map_or(0, |kept| kept.values.len());
+        size_of::<Self>() + pixels
+    }
+
     /// The outline, and the standard deviation of its center, pixels of the image.
     pub(super) fn circle(&self) -> Option<(BallCircle, f64)> {
         self.0.as_ref().map(|kept| (kept.circle, kept.sigma_px))
     }
 
-    /// The pixels, and how a camera sees the ball in them that has the outline `circle` in the image.
-    pub(super) fn view(
-        &self,
-        camera: &Camera,
-        circle: &BallCircle,
-    ) -> Option<(GrayImage, BallView)> {
+    /// The pixels, 0 to 1.
+    pub(super) fn image(&self) -> Option<GrayImage> {
+        let kept = self.0.as_ref()?;
+        let [width, height] = kept.size;
+        let value = |u: usize, v: usize| f32::from(kept.values[v * width + u]) / 255.0;
+        Some(GrayImage::from_fn(width, height, value))
+    }
+
+    /// How a camera sees the ball in these pixels that has the outline `circle` in the image.
+    pub(super) fn view(&self, camera: &Camera, circle: &BallCircle) -> Option<BallView> {
         let kept = self.0.as_ref()?;
         let camera = match camera {
             Camera::Perspective(k) => Camera::Perspective(kept.grid.intrinsics_to_part(k)),
             other => *other,
         };
-        let view = BallView::new(&camera, kept.grid.circle_to_part(circle)).ok()?;
-        let [width, height] = kept.size;
-        let value = |u: usize, v: usize| f32::from(kept.values[v * width + u]) / 255.0;
-        Some((GrayImage::from_fn(width, height, value), view))
+        BallView::new(&camera, kept.grid.circle_to_part(circle)).ok()
     }
 }

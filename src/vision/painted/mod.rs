@@ -3,17 +3,18 @@
 //! No pattern is known and no mark is named. A frame's `face` is what it shows of the paint, whatever the light; the `surface` is the
 //! paint all over the ball, by all frames; `fit` lays a face on the surface by least squares, and `search` finds where it lies when
 //! nothing is known. `track` follows a clip: each frame is laid on the surface that those before it show, from where the last turn leads,
-//! and what it shows joins the surface. After 16 frames, 32, 64 and so on all are laid on the surface that all show, and at the end again:
-//! a bundle adjustment of pixels, by which a turn that comes around closes. Frames that agree with the surface nowhere have no pose. Related:
-//! R. J. D. Moore et al., "FicTrac: a visual method for tracking spherical motion", J. Neurosci. Methods 225, 2014, which keeps a map of
-//! thresholded pixels.
+//! and what it shows joins the surface. After 16 frames, 32, 64 and so on, and at the end, `bundle` fits all frames, the surface, and what
+//! all views share in a `clip` (outlines that are off alike, the camera's distance) at once: a bundle adjustment of pixels, by which a turn
+//! that comes around closes. Frames that agree with the surface nowhere have no pose. Related: R. J. D. Moore et al., "FicTrac: a visual
+//! method for tracking spherical motion", J. Neurosci. Methods 225, 2014, which keeps a map of thresholded pixels.
 //!
 //! # What is promised
 //! Orientations relative to the first frame, and on the surface of an earlier clip in that clip's frame. How far they are off, and how
-//! often wrong, is measured (`bench painted`). What is not: a ball with hardly any paint, or paint that repeats, is refused or wrong; a
-//! camera whose distance is not known is taken for one of four, often not the nearest, and turns are then too long or too short. A clip may
-//! drift, which no covariance says.
+//! often wrong, is measured (`bench painted`). What is not: a ball with hardly any paint, or paint that repeats, is refused or wrong; a clip
+//! may drift where the ball does not come around, which no covariance says.
 
+mod bundle;
+mod clip;
 mod face;
 mod file;
 mod fit;

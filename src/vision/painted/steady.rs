@@ -1,8 +1,8 @@
 //! Outlines made steady over the frames of a clip.
 //!
 //! Blotches at the rim draw outlines found in single frames aside, and an outline's shift feigns a turn. A ball in a cup stays in place,
-//! and one that flies or is turned by hand moves evenly for some frames: its center and radius are fitted by lines over the frames
-//! about each, with Tukey's biweight against outlines that are far off.
+//! and has one outline in all frames; one that flies or is carried moves evenly for some frames: its center and radius are fitted by lines
+//! over the frames about each. Tukey's biweight stands against outlines that are far off.
 
 use crate::stats::{SIGMA_PER_MAD, median};
 use crate::vision::camera::BallCircle;
@@ -14,45 +14,83 @@ const MIN_FRAMES: usize = 6;
 /// Reweighted fits, and standard deviations beyond which an outline does not count.
 const FITS: usize = 4;
 const REACH: f64 = 3.0;
+/// A ball is at rest, or moves evenly, where its outlines scatter about one, or a line, by no more than so many times their scatter about
+/// lines through those near each.
+const EVEN: f64 = 2.0;
 /// Outlines that scatter by more of their radius about the line are of a ball that moves otherwise.
 const SCATTER: f64 = 0.08;
 
-/// The outline of each frame that has one, steadied, with the standard deviation of its center, pixels.
+/// The outline of each frame that has one, steadied, with the standard deviation of its center, pixels: one for all where the ball is at
+/// rest, on a line through all where it moves evenly, else on lines through those about each.
 pub(super) fn steady(circles: &[Option<(BallCircle, f64)>]) -> Vec<Option<(BallCircle, f64)>> {
-    let one = |k: usize| {
-        let own = circles[k]?;
-        Some(about(circles, k).unwrap_or(own))
+    let each = |of: &dyn Fn(usize) -> Option<Steadied>| -> Vec<Option<Steadied>> {
+        (0..circles.len()).map(|k| circles[k].and(of(k))).collect()
     };
-    (0..circles.len()).map(one).collect()
+    let scatter = |all: &[Option<Steadied>]| {
+        let mut scatters: Vec<f64> = all.iter().flatten().map(|s| s.scatter).collect();
+        median(&mut scatters)
+    };
+    let mut steadied = each(&|k| {
+        let first = k.saturating_sub(WINDOW);
+        let range = first..(k + WINDOW + 1).min(circles.len());
+        about(&circles[range], (k - first) as f64, true)
+    });
+    let limit = EVEN * scatter(&steadied);
+    for moves in [false, true] {
+        let all = each(&|k| about(circles, k as f64, moves));
+        if all.iter().any(Option::is_some) && scatter(&all) <= limit {
+            steadied = all;
+            break;
+        }
+    }
+    let one = |(own, steadied): (&Option<(BallCircle, f64)>, Option<Steadied>)| {
+        let (mut circle, sigma_px) = (*own)?;
+        let Some(steadied) = steadied else {
+            return Some((circle, sigma_px));
+        };
+        let [u, v, radius] = steadied.values;
+        (circle.center.u, circle.center.v, circle.radius) = (u, v, radius);
+        Some((circle, steadied.sigma_px))
+    };
+    circles.iter().zip(steadied).map(one).collect()
 }
 
-/// The outline at a frame by those about it.
-fn about(circles: &[Option<(BallCircle, f64)>], k: usize) -> Option<(BallCircle, f64)> {
-    let range = k.saturating_sub(WINDOW)..(k + WINDOW + 1).min(circles.len());
-    let near: Vec<(f64, BallCircle)> = range
-        .filter_map(|j| Some((j as f64 - k as f64, circles[j]?.0)))
+/// An outline by several.
+struct Steadied {
+    /// The center's u and v and the radius, pixels.
+    values: [f64; 3],
+    /// How far the outlines scatter about it, pixels.
+    scatter: f64,
+    /// Standard deviation of the center, pixels.
+    sigma_px: f64,
+}
+
+/// The outline at a place among others, by lines through them, or by one for all.
+fn about(circles: &[Option<(BallCircle, f64)>], at: f64, moves: bool) -> Option<Steadied> {
+    let near = circles.iter().enumerate();
+    let near: Vec<(f64, BallCircle)> = near
+        .filter_map(|(j, c)| Some((j as f64 - at, (*c)?.0)))
         .collect();
     if near.len() < MIN_FRAMES {
         return None;
     }
     let along = |value: fn(&BallCircle) -> f64| {
         let points: Vec<(f64, f64)> = near.iter().map(|(t, c)| (*t, value(c))).collect();
-        line(&points)
+        line(&points, moves)
     };
     let (u, off_u, sigma_u) = along(|c| c.center.u)?;
     let (v, off_v, sigma_v) = along(|c| c.center.v)?;
     let (radius, off_radius, _) = along(|c| c.radius)?;
     let scatter = off_u.max(off_v).max(off_radius);
-    if scatter > SCATTER * radius {
-        return None;
-    }
-    let mut circle = circles[k]?.0;
-    (circle.center.u, circle.center.v, circle.radius) = (u, v, radius);
-    Some((circle, sigma_u.max(sigma_v)))
+    (scatter <= SCATTER * radius).then_some(Steadied {
+        values: [u, v, radius],
+        scatter,
+        sigma_px: sigma_u.max(sigma_v),
+    })
 }
 
-/// The value of a line through points at 0, how far they scatter, and the standard deviation of the value.
-fn line(points: &[(f64, f64)]) -> Option<(f64, f64, f64)> {
+/// The value at 0 of a line through points, of a level one where nothing `moves`; how far they scatter, and the value's standard deviation.
+fn line(points: &[(f64, f64)], moves: bool) -> Option<(f64, f64, f64)> {
     let mut values: Vec<f64> = points.iter().map(|p| p.1).collect();
     let (mut at, mut slope) = (median(&mut values), 0.0);
     let (mut scatter, mut sigma) = (0.0, 0.0);
@@ -65,11 +103,15 @@ fn line(points: &[(f64, f64)]) -> Option<(f64, f64, f64)> {
         for point in points {
             let part = off(point) / limit;
             let weight = (1.0 - part * part).max(0.0).powi(2);
+            let time = if moves { point.0 } else { 0.0 };
             n += weight;
-            t += weight * point.0;
-            tt += weight * point.0 * point.0;
+            t += weight * time;
+            tt += weight * time * time;
             x += weight * point.1;
-            tx += weight * point.0 * point.1;
+            tx += weight * time * point.1;
+        }
+        if !moves {
+            tt = 1.0;
         }
         let determinant = n * tt - t * t;
         if determinant < 1e-9 {

@@ -2,16 +2,16 @@
 
 use nalgebra::Matrix3;
 
+use super::bundle::{self, Paint};
+use super::clip::Clip;
 use super::face::{Face, FaceMaker};
 use super::fit::{FitSpace, Laid};
 use super::frame::PaintedFrame;
 use super::search::{Blurred, Search};
-use super::steady::steady;
 use super::surface::{Grid, Surface};
 use crate::concurrency;
 use crate::geometry::{Rotation, rotation_angle};
 use crate::stats::median;
-use crate::vision::camera::Camera;
 use crate::vision::estimator::{CameraModel, turned_covariance};
 
 /// A frame that agrees so well lies where it was expected: right ones agreed by 0.93 in the middle, and 0.82 at the 5th percentile.
@@ -37,10 +37,10 @@ const TURNED: f64 = 0.035;
 const ROUNDS: usize = 3;
 const VIEWS: usize = 600;
 
-/// Inverse distances of a camera of which nothing is known, one of which is chosen: cameras in use stand at 6 to 60 radii.
-const INVERSE_DISTANCES: [f64; 4] = [0.02, 0.05, 0.09, 0.14];
-/// So many frames choose: what a wrong distance does shows when the ball has come around.
-const CHOOSING: usize = 200;
+/// Steps of a fit of all at once, and the frames that take part at most.
+const STEPS: usize = 4;
+const ASKED: usize = 150;
+
 /// Standard deviation per axis that no number of pixels takes away, radians: light, outline and surface err alike in many of them.
 /// By it, squared errors over their covariances have a median of 1.0 on treadmills, 2.3 in hands and 0.2 in flight (`bench painted`, 5
 /// clips each of seed 35400001).
@@ -86,38 +86,26 @@ pub struct PaintedTracker {
     grid: Grid,
     search: Search,
     maker: FaceMaker,
-    cameras: Vec<Camera>,
-}
-
-/// The faces of a clip under one camera, and the turns from their view frames to the camera's.
-#[derive(Default)]
-struct Faces {
-    faces: Vec<Option<Face>>,
-    to_camera: Vec<Rotation>,
+    camera: CameraModel,
 }
 
 impl PaintedTracker {
     /// Of a camera, or of one whose distance is not known.
     pub fn new(camera: &CameraModel) -> Self {
-        let near = |inverse_distance| Camera::Near { inverse_distance };
         Self {
             grid: Grid::default(),
             search: Search::new(),
             maker: FaceMaker::default(),
-            cameras: match camera {
-                CameraModel::Known(camera) => vec![*camera],
-                CameraModel::Unknown(_) => INVERSE_DISTANCES.map(near).to_vec(),
-            },
+            camera: *camera,
         }
     }
 
     /// The poses of a clip's frames, in the order of time, relative to the first of them, and the surface.
     pub fn track(&self, frames: &[PaintedFrame]) -> PaintedTrack {
-        let faces = self.faces(frames, |first| self.grow(first));
-        let mut laid = self.grow(&faces.faces);
+        let mut clip = Clip::new(frames, &self.camera);
+        let mut laid = self.grow(&mut clip);
         for _ in 0..ROUNDS {
-            let surface = self.surface(&faces.faces, &laid);
-            laid = self.settle(&faces.faces, &surface, &laid);
+            laid = self.together(&mut clip, laid);
         }
         if let Some(first) = laid.iter().flatten().next().map(|l| l.rotation.inverse()) {
             for laid in laid.iter_mut().flatten() {
@@ -125,69 +113,63 @@ impl PaintedTracker {
             }
         }
         PaintedTrack {
-            surface: self.surface(&faces.faces, &laid),
-            poses: poses(&faces, &laid),
+            surface: self.surface(&clip.faces, &laid),
+            poses: poses(&clip, &laid),
         }
     }
 
     /// The poses on a surface that an earlier clip made, each frame alone.
     pub fn place(&self, frames: &[PaintedFrame], surface: &Surface) -> PaintedPoses {
         let blurred = self.search.blurred(&self.grid, surface);
-        let find = |faces: &[Option<Face>]| {
-            concurrency::map(faces, |face| {
-                let face = face.as_ref()?;
-                self.lost(&mut FitSpace::default(), surface, &blurred, face, None)
-            })
-        };
-        let faces = self.faces(frames, find);
-        poses(&faces, &find(&faces.faces))
+        let mut clip = Clip::new(frames, &self.camera);
+        clip.reach(clip.len(), &self.maker);
+        let mut laid = concurrency::map(&clip.faces, |face| {
+            let face = face.as_ref()?;
+            self.lost(&mut FitSpace::default(), surface, &blurred, face, None)
+        });
+        let asked = asked(&laid);
+        for _ in 0..STEPS {
+            let step = bundle::step(&self.grid, surface, Paint::Known, &clip, &asked, &mut laid);
+            let Some(shared) = step else { break };
+            clip.correct(&shared, &self.maker);
+        }
+        poses(&clip, &self.settle(&clip.faces, surface, &laid))
     }
 
-    /// The faces of all frames under the camera with which the first ones agree best, once laid.
-    fn faces(
-        &self,
-        frames: &[PaintedFrame],
-        lay: impl Fn(&[Option<Face>]) -> Vec<Option<Laid>>,
-    ) -> Faces {
-        let circles: Vec<_> = frames.iter().map(PaintedFrame::circle).collect();
-        let circles = steady(&circles);
-        let mut best: Option<(f64, Faces)> = None;
-        for camera in &self.cameras {
-            let numbers: Vec<usize> = (0..frames.len()).collect();
-            let taken = concurrency::map(&numbers, |&k| {
-                let (circle, sigma_px) = circles[k]?;
-                let (image, view) = frames[k].view(camera, &circle)?;
-                let sigma = sigma_px / circle.radius;
-                Some((self.maker.take(&image, &view, sigma), view.to_camera()))
-            });
-            let mut faces = Faces::default();
-            for taken in taken {
-                let (face, to_camera) = taken.unzip();
-                faces.faces.push(face);
-                faces.to_camera.push(to_camera.unwrap_or_default());
-            }
-            if self.cameras.len() == 1 {
-                return faces;
-            }
-            let first = lay(&faces.faces[..frames.len().min(CHOOSING)]);
-            let agreement: f64 = first.iter().flatten().map(|l| l.agreement).sum();
-            if best.as_ref().is_none_or(|b| agreement > b.0) {
-                best = Some((agreement, faces));
-            }
+    /// All frames so far, the surface and what the views share, fitted together; then each frame by itself.
+    fn together(&self, clip: &mut Clip<'_>, mut laid: Vec<Option<Laid>>) -> Vec<Option<Laid>> {
+        let asked = asked(&laid);
+        let mut surface = self.surface(&clip.faces, &laid);
+        for _ in 0..STEPS {
+            let step = bundle::step(&self.grid, &surface, Paint::Own, clip, &asked, &mut laid);
+            let Some(shared) = step else { break };
+            clip.correct(&shared, &self.maker);
+            let mut fitted = vec![None; laid.len()];
+            asked.iter().for_each(|k| fitted[*k] = laid[*k]);
+            surface = self.surface(&clip.faces, &fitted);
         }
-        best.map(|(_, faces)| faces).unwrap_or_default()
+        self.settle(&clip.faces, &surface, &laid)
     }
 
     /// Frame after frame, each on what those before it show.
-    fn grow(&self, faces: &[Option<Face>]) -> Vec<Option<Laid>> {
+    fn grow(&self, clip: &mut Clip<'_>) -> Vec<Option<Laid>> {
         let mut surface = Surface::unknown();
         let mut blurred: Option<Blurred> = None;
         let mut space = FitSpace::default();
-        let mut all: Vec<Option<Laid>> = Vec::with_capacity(faces.len());
+        let mut all: Vec<Option<Laid>> = Vec::with_capacity(clip.len());
         let mut added: Option<Rotation> = None;
         let mut check = FIRST_CHECK;
-        for face in faces {
-            let Some(face) = face else {
+        clip.reach(check, &self.maker);
+        for k in 0..clip.len() {
+            if k == check {
+                all = self.together(clip, all);
+                surface = self.surface(&clip.faces, &all);
+                blurred = None;
+                added = all.iter().rev().flatten().next().map(|l| l.rotation);
+                check *= 2;
+                clip.reach(check, &self.maker);
+            }
+            let Some(face) = &clip.faces[k] else {
                 all.push(None);
                 continue;
             };
@@ -223,14 +205,6 @@ impl PaintedTracker {
                 blurred = None;
             }
             all.push(best);
-            if let Some(next) = check_after(check, all.len()) {
-                check = next;
-                let shown = self.surface(&faces[..all.len()], &all);
-                all = self.settle(&faces[..all.len()], &shown, &all);
-                surface = self.surface(&faces[..all.len()], &all);
-                blurred = None;
-                added = all.iter().rev().flatten().next().map(|l| l.rotation);
-            }
         }
         all
     }
@@ -305,13 +279,6 @@ impl PaintedTracker {
     }
 }
 
-/// Where a check is due after so many frames, the number of frames after which the next one is. A frame without a ball comes by no check:
-/// the next one with a ball makes up for it.
-fn check_after(check: usize, frames: usize) -> Option<usize> {
-    let is_due = frames >= check;
-    is_due.then(|| std::iter::successors(Some(check), |c| Some(2 * c)).find(|c| *c > frames))?
-}
-
 /// The middle of the agreements so far, of the frames after the first.
 fn middle(laid: &[Option<Laid>]) -> f64 {
     let mut all: Vec<f64> = laid.iter().skip(1).flatten().map(|l| l.agreement).collect();
@@ -325,6 +292,13 @@ fn better(one: Option<Laid>, other: Option<Laid>) -> Option<Laid> {
     }
 }
 
+/// Frames that are placed, so many as fit all at once.
+fn asked(laid: &[Option<Laid>]) -> Vec<usize> {
+    let placed: Vec<usize> = (0..laid.len()).filter(|k| laid[*k].is_some()).collect();
+    let stride = placed.len().div_ceil(ASKED).max(1);
+    placed.into_iter().step_by(stride).collect()
+}
+
 /// Where the next frame may lie: where the last turn leads, and as the last one.
 fn starts(laid: &[Option<Laid>]) -> impl Iterator<Item = Rotation> {
     let at = |back: usize| {
@@ -335,14 +309,14 @@ fn starts(laid: &[Option<Laid>]) -> impl Iterator<Item = Rotation> {
     ahead.into_iter().chain(at(1))
 }
 
-fn poses(faces: &Faces, laid: &[Option<Laid>]) -> PaintedPoses {
+fn poses(clip: &Clip<'_>, laid: &[Option<Laid>]) -> PaintedPoses {
     let pose = |k: usize| {
-        let face = faces.faces[k].as_ref().ok_or(PaintedRejection::NoBall)?;
+        let face = clip.faces[k].as_ref().ok_or(PaintedRejection::NoBall)?;
         let laid = laid[k].ok_or(PaintedRejection::Lost)?;
         let center = face.center_sigma().powi(2);
         let outline = Matrix3::from_diagonal(&[center, center, 0.0].into());
         let other = Matrix3::from_diagonal_element(SYSTEMATIC * SYSTEMATIC);
-        let to_camera = faces.to_camera[k];
+        let to_camera = clip.to_camera(k);
         Ok(PaintedPose {
             rotation: to_camera * laid.rotation,
             covariance: turned_covariance(&to_camera, &(laid.covariance + outline + other)),
@@ -350,27 +324,4 @@ fn poses(faces: &Faces, laid: &[Option<Laid>]) -> PaintedPoses {
         })
     };
     (0..laid.len()).map(pose).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_frame_without_a_ball_takes_no_check_away() {
-        let checks = |frames: &[usize]| -> Vec<usize> {
-            let mut check = FIRST_CHECK;
-            let due = frames.iter().filter(|n| {
-                let next = check_after(check, **n);
-                check = next.unwrap_or(check);
-                next.is_some()
-            });
-            due.copied().collect()
-        };
-        let all: Vec<usize> = (2..140).collect();
-        assert_eq!(checks(&all), [16, 32, 64, 128]);
-        let gaps: Vec<usize> = (2..140).filter(|n| ![16, 32, 33].contains(n)).collect();
-        assert_eq!(checks(&gaps), [17, 34, 64, 128]);
-        assert_eq!(checks(&[70, 71, 127, 128]), [70, 128]);
-    }
 }

@@ -36,6 +36,9 @@ pub struct Args {
     /// Seed of the clips.
     #[arg(long, default_value_t = 35_400_001)]
     seed: u64,
+    /// Only clips of this kind.
+    #[arg(long, value_enum)]
+    only: Option<Handling>,
     /// The camera's distance is not given.
     #[arg(long)]
     unknown_distance: bool,
@@ -77,7 +80,8 @@ struct Judged {
 
 impl Args {
     pub fn run(&self) -> Outcome {
-        for handling in Handling::ALL {
+        let asked = |handling: &Handling| self.only.is_none_or(|only| only == *handling);
+        for handling in Handling::ALL.into_iter().filter(asked) {
             let clips = 0..self.clips;
             let judged: Result<Vec<Judged>, String> = clips
                 .into_par_iter()
