@@ -1,7 +1,7 @@
 //! What `estimate` and `calibrate` ask alike of images: the detector, the outline, the camera and the
 //! times.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
@@ -14,6 +14,7 @@ use crate::vision::estimator::{CameraModel, FrameClock, OutlineMethod, OutlinePr
 use crate::vision::frame_table::{self, FrameCircles};
 use crate::vision::net::Weights;
 use crate::vision::net::detector::CnnConfig;
+use crate::vision::painted::Surface;
 use crate::vision::{
     BallCircle, Camera, CnnDetector, DetectorName, Intrinsics, NamedDetector, Pixel,
 };
@@ -163,12 +164,26 @@ impl ImageArguments {
     }
 }
 
+/// A ball of dots.
+///
+/// # Errors
+/// As [`Ball::read`]; the surface of a painted ball is called that.
+pub(super) fn read_ball(path: &Path) -> Result<Ball> {
+    Ball::read(path).map_err(|error| match Surface::read_npz(path) {
+        Ok(_) => {
+            let problem = "is the surface of a painted ball, which goes with --painted";
+            Error::input(path, "archive", problem)
+        }
+        Err(_) => error,
+    })
+}
+
 /// The balls of several files; two must not have the same pattern, rotated or not, since images cannot tell
 /// which it is.
 pub(super) fn read_balls(paths: &[PathBuf]) -> Result<Vec<Ball>> {
     let mut balls: Vec<Ball> = Vec::new();
     for path in paths {
-        let ball = Ball::read(path)?;
+        let ball = read_ball(path)?;
         let same = balls
             .iter()
             .position(|other| other.pattern().is_turned(ball.pattern()));

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use super::{Arguments, output};
-use crate::ball::Ball;
+use crate::cli::images::read_ball;
 use crate::cli::pipe::Pipe;
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
@@ -21,7 +21,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         let problem = "expected one table: a stream is not judged as a whole";
         return Err(Error::argument("--table", problem));
     };
-    let estimator = Arc::new(arguments.estimator(&Ball::read(table)?)?);
+    let estimator = Arc::new(arguments.estimator(&read_ball(table)?)?);
     let (outline, circles) = arguments.source.outlines()?;
     if circles.is_some() {
         let problem = "expected U,V,R with --follow, found a table of frames";

@@ -283,7 +283,7 @@ mod tests {
 
     #[test]
     fn a_clip_that_takes_too_much_memory_is_refused() {
-        let image = RgbImage::new(80, 80, vec![[0.5; 3]; 6_400]).unwrap();
+        let image = RgbImage::new(80, 80, vec![[0.5; 3]; 6_400]).expect("an image");
         let circle = BallCircle::new(Pixel { u: 40.0, v: 40.0 }, 30.0);
         let mut estimate = FrameEstimate::default();
         estimate.outline = Some(Outline::given(circle, Matrix3::zeros()));

@@ -210,6 +210,14 @@ fn the_command_follows_a_clip_and_places_another_on_its_surface() {
         "b.npz",
     ];
     crate::common::refused(at, &both, 2, "--write-surface");
+    let dots = ["estimate", "--table", "ball.npz", "clip/images"];
+    crate::common::refused(at, &dots, 2, "--painted");
+    // Without the camera's distance, which is fitted: three quarters of a turn say hardly more than that it is near 5 rps.
+    done("estimate --painted clip/images -o free.csv");
+    let spin = done("spin free.csv --json");
+    let spin: serde_json::Value = serde_json::from_str(&spin).unwrap();
+    let rps = spin["rps"].as_f64().unwrap();
+    assert!((rps - 5.0).abs() < 0.25, "{rps} rps");
 }
 
 #[cfg(feature = "cli")]
