@@ -245,10 +245,18 @@ pub fn confirmed(
         let sigma_rad = rms_sigma_rad(&dot.covariance);
         match place {
             Some(place) if place.is_sure => {
-                if !is_found || !place.agrees(&dot.direction, sigma_rad) {
-                    dot.state = DotState::Measured;
-                    dot.direction = place.direction;
-                    dot.covariance = Matrix2::identity() * MARK_SIGMA_RAD.powi(2);
+                let settled = match is_found {
+                    true => place.or(&dot.direction, sigma_rad),
+                    false => Some(place.direction),
+                };
+                match settled {
+                    Some(direction) if is_found && direction == dot.direction => {}
+                    Some(direction) => {
+                        dot.state = DotState::Measured;
+                        dot.direction = direction;
+                        dot.covariance = Matrix2::identity() * MARK_SIGMA_RAD.powi(2);
+                    }
+                    None => dots += 1,
                 }
             }
             // Few views of a dot may all err to one side.
