@@ -7,7 +7,7 @@
 //!   "Improved confidence intervals for the difference between binomial proportions based on paired
 //!   data", Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any
 //!   trial differs,
-//! - [`median`] and [`quantile`] of a sample,
+//! - [`median`] and [`quantile`] of a sample, [`biweight`] against its outliers,
 //! - [`normal_cdf`], the distribution function of the standard normal distribution.
 //!
 //! Intervals have their nominal coverage for independent trials only.
@@ -179,6 +179,11 @@ pub fn median(values: &mut [f64]) -> f64 {
         _ if values.len() % 2 == 1 => values[mid],
         _ => 0.5 * (values[mid - 1] + values[mid]),
     }
+}
+
+/// Tukey's biweight of a residual over its reach: 1 for none, 0 from the reach on.
+pub fn biweight(over_reach: f64) -> f64 {
+    (1.0 - over_reach * over_reach).max(0.0).powi(2)
 }
 
 /// `P(N(0, 1) <= x)`.

@@ -13,6 +13,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use self::ellipse::Parameters;
 use super::vote::Center;
 use super::{BallCircle, BallFit, GrayImage, Pixel, Polarity};
+use crate::stats::biweight;
 use crate::vision::sums::Sums;
 
 /// Rays around a center.
@@ -195,7 +196,7 @@ impl Unrolled {
             if t.abs() >= 1.0 {
                 continue;
             }
-            let tukey = (1.0 - t * t).powi(2);
+            let tukey = biweight(t);
             let by = std::array::from_fn(|k| j[k]);
             sums.add(&by, residual, tukey * f64::from(edge.slope.sqrt()));
             total += tukey;

@@ -12,6 +12,7 @@ use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::stats::biweight;
 use crate::vision::camera::{BallCircle, Pixel};
 
 /// Outlines that make a path.
@@ -92,12 +93,7 @@ fn at_zero(points: &[(f64, f64)], is_curved: bool) -> Option<Smooth> {
         // Outlines are never known better than to a tenth of a pixel.
         let reach = REACH * median.max(0.1);
         for (point, weight) in points.iter().zip(&mut weights) {
-            let t = residual(point) / reach;
-            *weight = if t.abs() < 1.0 {
-                (1.0 - t * t).powi(2)
-            } else {
-                0.0
-            };
+            *weight = biweight(residual(point) / reach);
         }
         fitted = Some(Smooth {
             value: found.x,

@@ -14,19 +14,17 @@
 
 use nalgebra::{DMatrix, DVector, Vector4};
 
-use super::clip::{Clip, Shared};
+use super::clip::{Clip, FIXED, Shared};
 use super::fit::{ALIGNED, LEAST_SIGMA, Laid, MAX_STEP, REACH};
 use super::surface::{Grid, Surface};
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3};
-use crate::stats::{SIGMA_PER_MAD, median};
+use crate::stats::{SIGMA_PER_MAD, biweight, median};
 
 /// Every so many-th place takes part.
 const STRIDE: usize = 3;
 /// Standard deviation of a frame's turn in one step, radians: what nothing fixes stays.
 const DAMPING: f64 = 0.2;
-/// Standard deviation of what is not to move.
-pub(super) const FIXED: f64 = 1e-6;
 
 /// A place in sight of a frame.
 struct Row {
@@ -112,12 +110,9 @@ fn rows(
         }
         let mut sizes: Vec<f64> = rows.iter().map(|r| r.residual.abs()).collect();
         let sigma = (SIGMA_PER_MAD * median(&mut sizes)).max(LEAST_SIGMA);
-        // Places are no more independent than the picture's values under them.
-        let pixels = 0.25 * std::f64::consts::PI * (face.side() * face.side()) as f64;
-        let scale = (pixels / rows.len().max(1) as f64).min(1.0) / (sigma * sigma);
+        let scale = 1.0 / (face.places_a_value(rows.len()) * sigma * sigma);
         for row in &mut rows {
-            let t = row.residual / (REACH * sigma);
-            row.weight *= scale * (1.0 - t * t).max(0.0).powi(2);
+            row.weight *= scale * biweight(row.residual / (REACH * sigma));
         }
         rows.retain(|r| r.weight > 0.0);
         Some(rows)

@@ -2,7 +2,6 @@
 
 use nalgebra::Vector4;
 
-use super::bundle::FIXED;
 use super::face::{Face, FaceMaker};
 use super::frame::PaintedFrame;
 use super::steady::steady;
@@ -16,6 +15,8 @@ const STEP: f64 = 1e-4;
 /// Standard deviations of what all outlines are off, over the radius: the center's u and v, and the radius. Blotches at a dark rim make
 /// found outlines too small by up to 8 % in the middle of a clip (`bench painted --seed 35400002`).
 const SHIFTS: [f64; 3] = [0.03, 0.03, 0.05];
+/// Standard deviation of what is not to move.
+pub(super) const FIXED: f64 = 1e-6;
 /// Outlines are shifted by no more, radii.
 const MOST: f64 = 0.25;
 
@@ -65,13 +66,23 @@ impl<'a> Clip<'a> {
 
     /// Takes the faces of the frames up to this one, as far as they are not taken.
     pub fn reach(&mut self, frames: usize, maker: &FaceMaker) {
-        let numbers: Vec<usize> = (self.faces.len()..frames.min(self.len())).collect();
-        let taken = concurrency::map(&numbers, |&k| {
+        let first = self.faces.len();
+        self.faces
+            .resize(frames.clamp(first, self.len().max(first)), None);
+        let new: Vec<usize> = (first..self.faces.len()).collect();
+        self.take(&new, maker);
+    }
+
+    /// Takes the faces of these frames.
+    fn take(&mut self, frames: &[usize], maker: &FaceMaker) {
+        let taken = concurrency::map(frames, |&k| {
             let (circle, sigma_px) = self.circles[k]?;
             let (image, view) = (self.frames[k].image()?, self.view(k)?);
             Some(maker.take(&image, &view, sigma_px / circle.radius))
         });
-        self.faces.extend(taken);
+        for (k, face) in frames.iter().zip(taken) {
+            self.faces[*k] = face;
+        }
     }
 
     /// From the view frame of a frame to the camera's.
@@ -113,15 +124,20 @@ impl<'a> Clip<'a> {
         [shift(0), shift(1), shift(2), distance]
     }
 
-    /// Moves what all views share, and takes the faces anew.
-    pub fn correct(&mut self, step: &Vector4<f64>, maker: &FaceMaker) {
+    /// Moves what all views share, and takes the faces of the frames `asked` anew; [`Clip::catch_up`] takes those of the others.
+    pub fn correct(&mut self, step: &Vector4<f64>, asked: &[usize], maker: &FaceMaker) {
         for (shift, step) in self.shift.iter_mut().zip(step.iter()) {
             *shift = (*shift + step).clamp(-MOST, MOST);
         }
         self.inverse_distance = self.farther(step[3]);
-        let reached = self.faces.len();
-        self.faces.clear();
-        self.reach(reached, maker);
+        self.take(asked, maker);
+    }
+
+    /// Takes the faces of all frames but those `asked`, which are in order, as the views are now.
+    pub fn catch_up(&mut self, asked: &[usize], maker: &FaceMaker) {
+        let others = (0..self.faces.len()).filter(|k| asked.binary_search(k).is_err());
+        let others: Vec<usize> = others.collect();
+        self.take(&others, maker);
     }
 
     fn farther(&self, step: f64) -> Option<f64> {

@@ -176,8 +176,9 @@ impl Face {
         self.center_sigma
     }
 
-    /// Values along the diameter.
-    pub fn side(&self) -> usize {
-        self.side
+    /// How many of so many places in sight share a value, at least 1: they are no more independent than the values under them.
+    pub fn places_a_value(&self, places: usize) -> f64 {
+        let values = 0.25 * std::f64::consts::PI * (self.side * self.side) as f64;
+        (places as f64 / values).max(1.0)
     }
 }

@@ -15,7 +15,7 @@ use nalgebra::Matrix3;
 use super::face::Face;
 use super::surface::{Grid, Surface};
 use crate::geometry::{Rotation, Vec3};
-use crate::stats::{SIGMA_PER_MAD, median};
+use crate::stats::{SIGMA_PER_MAD, biweight, median};
 
 /// Depth from which a place takes part.
 pub(super) const ALIGNED: f64 = 0.4;
@@ -97,9 +97,7 @@ impl FitSpace {
         let sigma = self.see(grid, surface, face, &rotation)?.max(LEAST_SIGMA);
         let (matrix, _) = self.equations(surface, sigma);
         let own = matrix.cholesky()?.inverse();
-        // Places are no more independent than the picture's values under them.
-        let pixels = 0.25 * std::f64::consts::PI * (face.side() * face.side()) as f64;
-        let shared = (self.seen.len() as f64 / pixels).max(1.0);
+        let shared = face.places_a_value(self.seen.len());
         let to_view = rotation.to_rotation_matrix();
         let covariance = to_view.matrix() * own * to_view.matrix().transpose();
         Some(Laid {
@@ -148,8 +146,7 @@ impl FitSpace {
         let mut matrix = Matrix3::identity() * 1e-9;
         let mut vector = Vec3::zeros();
         for seen in &self.seen {
-            let t = seen.residual / (REACH * sigma);
-            let weight = seen.depth * (1.0 - t * t).max(0.0).powi(2);
+            let weight = seen.depth * biweight(seen.residual / (REACH * sigma));
             if weight > 0.0 {
                 let row = Vec3::from(surface.turns[seen.place].map(f64::from));
                 matrix.ger(weight, &row, &row, 1.0);

@@ -4,7 +4,7 @@
 //! and has one outline in all frames; one that flies or is carried moves evenly for some frames: its center and radius are fitted by lines
 //! over the frames about each. Tukey's biweight stands against outlines that are far off.
 
-use crate::stats::{SIGMA_PER_MAD, median};
+use crate::stats::{SIGMA_PER_MAD, biweight, median};
 use crate::vision::camera::BallCircle;
 
 /// Frames before and after one that take part.
@@ -101,8 +101,7 @@ fn line(points: &[(f64, f64)], moves: bool) -> Option<(f64, f64, f64)> {
         let limit = REACH * scatter.max(1e-3);
         let (mut n, mut t, mut tt, mut x, mut tx) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for point in points {
-            let part = off(point) / limit;
-            let weight = (1.0 - part * part).max(0.0).powi(2);
+            let weight = biweight(off(point) / limit);
             let time = if moves { point.0 } else { 0.0 };
             n += weight;
             t += weight * time;

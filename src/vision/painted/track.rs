@@ -131,8 +131,9 @@ impl PaintedTracker {
         for _ in 0..STEPS {
             let step = bundle::step(&self.grid, surface, Paint::Known, &clip, &asked, &mut laid);
             let Some(shared) = step else { break };
-            clip.correct(&shared, &self.maker);
+            clip.correct(&shared, &asked, &self.maker);
         }
+        clip.catch_up(&asked, &self.maker);
         poses(&clip, &self.settle(&clip.faces, surface, &laid))
     }
 
@@ -143,11 +144,12 @@ impl PaintedTracker {
         for _ in 0..STEPS {
             let step = bundle::step(&self.grid, &surface, Paint::Own, clip, &asked, &mut laid);
             let Some(shared) = step else { break };
-            clip.correct(&shared, &self.maker);
+            clip.correct(&shared, &asked, &self.maker);
             let mut fitted = vec![None; laid.len()];
             asked.iter().for_each(|k| fitted[*k] = laid[*k]);
             surface = self.surface(&clip.faces, &fitted);
         }
+        clip.catch_up(&asked, &self.maker);
         self.settle(&clip.faces, &surface, &laid)
     }
 
