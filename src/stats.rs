@@ -181,6 +181,19 @@ pub fn median(values: &mut [f64]) -> f64 {
     }
 }
 
+/// The standard deviation of normal residuals by the median of their sizes, each counted by its weight: `[size, weight]`. 0 for none. Reorders
+/// its input.
+pub(crate) fn weighted_sigma(sizes: &mut [[f64; 2]]) -> f64 {
+    sizes.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
+    let half = 0.5 * sizes.iter().map(|s| s[1]).sum::<f64>();
+    let mut below = 0.0;
+    let middle = sizes.iter().find(|[_, weight]| {
+        below += weight;
+        below >= half
+    });
+    SIGMA_PER_MAD * middle.map_or(0.0, |m| m[0])
+}
+
 /// Tukey's biweight of a residual over its reach: 1 for none, 0 from the reach on.
 pub fn biweight(over_reach: f64) -> f64 {
     (1.0 - over_reach * over_reach).max(0.0).powi(2)

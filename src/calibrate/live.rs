@@ -3,7 +3,6 @@
 //! Frames are looked at as they come; the clip so far is surveyed ([`survey`]) in a thread of its own, again whenever it has grown by a
 //! quarter, so that the surveys together cost no more than a few times the last one.
 
-use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use super::calibrate;
@@ -13,9 +12,9 @@ use super::unknown::{BuiltPattern, SurfaceObserver, Survey, confirmed, survey};
 use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::image::Picture;
-use crate::vision::albedo::{Albedo, AlbedoMaker};
 use crate::vision::detect::DotDetector;
 use crate::vision::estimator::EstimatorWorkspace;
+use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate, Prior};
 
 /// Frames before the first survey, and by how much the clip grows between two.
@@ -28,11 +27,10 @@ pub const MAX_FRAMES: usize = 3600;
 pub struct LiveClip<D: DotDetector> {
     estimator: Estimator<D>,
     workspace: EstimatorWorkspace<D::Workspace>,
-    maker: AlbedoMaker,
     config: CalibrationConfig,
     expected_dots: Option<usize>,
     frames: Vec<FrameEstimate>,
-    albedos: Vec<Arc<Albedo>>,
+    shown: Vec<PaintedFrame>,
     times_s: Vec<f64>,
     /// The survey at work.
     at_work: Option<JoinHandle<Result<Survey>>>,
@@ -61,11 +59,10 @@ impl<D: DotDetector> LiveClip<D> {
         Self {
             workspace: estimator.workspace(),
             estimator,
-            maker: AlbedoMaker::default(),
             config,
             expected_dots,
             frames: Vec::new(),
-            albedos: Vec::new(),
+            shown: Vec::new(),
             times_s: Vec::new(),
             at_work: None,
             surveyed: 0,
@@ -90,17 +87,16 @@ impl<D: DotDetector> LiveClip<D> {
             return Ok(());
         };
         let gray = picture.to_rgb()?.to_gray();
-        let albedo = self.maker.take(&gray, &outline.circle);
-        self.albedos.push(Arc::new(albedo));
+        self.shown.push(PaintedFrame::take(&gray, &outline));
         self.frames.push(found);
         self.times_s.push(time_s);
         let due = FIRST.max((GROWTH * self.surveyed as f64) as usize);
         if self.at_work.is_none() && self.frames.len() >= due {
             self.surveyed = self.frames.len();
-            let (frames, albedos) = (self.frames.clone(), self.albedos.clone());
+            let (frames, shown) = (self.frames.clone(), self.shown.clone());
             let (expected, config) = (self.expected_dots, self.config.clone());
             let work = std::thread::Builder::new()
-                .spawn(move || survey(&frames, &albedos, expected, &config))
+                .spawn(move || survey(&frames, &shown, expected, &config))
                 .map_err(|e| Error::Internal(format!("no thread for a survey: {e}")))?;
             self.at_work = Some(work);
         }
@@ -134,12 +130,7 @@ impl<D: DotDetector> LiveClip<D> {
                 return Ok(survey);
             }
         }
-        survey(
-            &self.frames,
-            &self.albedos,
-            self.expected_dots,
-            &self.config,
-        )
+        survey(&self.frames, &self.shown, self.expected_dots, &self.config)
     }
 
     /// The pattern that a survey has built, where a calibration by all frames so far confirms it; else why it does not.

@@ -1,12 +1,14 @@
 //! Which marks of a ball are its dots.
 //!
 //! Two witnesses: the surface shows a steady disc, and the detector finds a dot there in the views that face it. Dots are of one pen:
-//! of one size and one darkness, within what a hand makes of it. Where both agree a mark is a dot, where neither sees one it is none,
-//! and between them it is *doubtful*. Where there is print, it may have discs too, and more is asked of a dot. A number of dots that
-//! is known decides for doubtful marks where all of them are needed, or none.
+//! of one size and one darkness, within what a hand makes of it. On a ball without print a steady disc that many views show is a dot, and so is
+//! what the detector sees and the surface does not contradict; what neither shows is none, and between them a mark is *doubtful*. Where there is
+//! print, it may have discs too, and both must agree. A number of dots that is known decides for doubtful marks where all of them are needed,
+//! or none.
 
 use super::map::{Map, MapDot};
-use super::marks::{Mark, MarkPlace};
+use super::marks::{FACED, Mark, MarkPlace};
+use super::seen::Seen;
 use super::surface::Surface;
 use super::tidy::FACING;
 use super::{MIN_VIEWS, UnknownRejection};
@@ -124,7 +126,8 @@ impl Map<'_> {
             }
             let known = seen.joined.map(|j| self.dots[j]);
             let dot = known.unwrap_or_else(|| new_dot(&seen.mark.direction));
-            dots.push(((dot, Some(seen.mark.place())), kind));
+            let facing = self.facing(&seen.mark.direction, FACED).count();
+            dots.push(((dot, Some(seen.mark.place(facing))), kind));
         }
         // What the detector sees and the surface does not show.
         for j in self.established() {
@@ -177,12 +180,7 @@ impl Map<'_> {
     /// The mean, over the views that a place faces, of the probability of a dot there; `None` where there is none.
     fn likeness(&self, place: &Vec3) -> Option<f64> {
         let (mut sum, mut views) = (0.0, 0usize);
-        for (frame, placed) in self.frames.iter().zip(&self.placed) {
-            let Some(placed) = placed else { continue };
-            let at = placed.rotation * place;
-            if frame.depth(&at) < FACES {
-                continue;
-            }
+        for (frame, at) in self.facing(place, FACES) {
             views += 1;
             let detections = &self.estimates[frame.index].dots;
             let near = frame.dots.iter();
@@ -191,6 +189,14 @@ impl Map<'_> {
             sum += probabilities.fold(0.0, f64::max);
         }
         (views > 0).then(|| sum / views as f64)
+    }
+
+    /// The frames that a place faces by this depth or more, and where each has it.
+    fn facing(&self, place: &Vec3, depth: f64) -> impl Iterator<Item = (&Seen, Vec3)> {
+        let place = *place;
+        let placed = self.frames.iter().zip(&self.placed);
+        let seen = placed.filter_map(move |(f, p)| Some((f, p.as_ref()?.rotation * place)));
+        seen.filter(move |(frame, at)| frame.depth(at) >= depth)
     }
 
     /// The dot of the map at a mark.
@@ -272,14 +278,14 @@ impl Typical {
 
     fn kind(&self, seen: &Witnessed<'_>, print: &[Vec3]) -> Kind {
         let Witnessed { mark, joined, .. } = seen;
-        let Some(likeness) = self.likeness(seen).filter(|_| mark.views >= MIN_VIEWS) else {
-            let may_be = joined.is_some() || mark.darkness >= FRINGE * self.darkness;
-            return if may_be {
-                Kind::TurnedAway
-            } else {
-                Kind::Other
+        let likeness = self.likeness(seen).unwrap_or(0.0);
+        if mark.views < MIN_VIEWS {
+            let is_seen = likeness >= UNSEEN && mark.darkness >= FRINGE * self.darkness;
+            return match joined.is_some() || is_seen {
+                true => Kind::TurnedAway,
+                false => Kind::Other,
             };
-        };
+        }
         let is_steady = mark.steady >= STEADY;
         let is_shown = mark.views >= FEW_VIEWS;
         // What many views show, most of them not, and no dot of the map, a hand has left.
@@ -291,15 +297,17 @@ impl Typical {
             let is_like = mark.is_disc() && is_sized && is_steady;
             let may_be_disc = is_sized && !mark.is_no_disc();
             // Seen from the side alone a dot is long, and so are two that run into one.
-            let is_long = mark.is_filled() && seen.dots == 1 && likeness >= SEEN;
+            let is_long = mark.is_long_dot() && seen.dots == 1;
+            let is_faint = mark.darkness < ALONE[1][0] * self.darkness;
             return match likeness {
+                _ if is_faint && joined.is_none() => Kind::Other,
+                // Nothing else is steady on a ball without print, whatever the detector sees.
+                _ if may_be_disc && is_steady && is_shown => Kind::Dot,
                 l if l >= SUSPECTED && may_be_disc && (joined.is_some() || is_shown) => Kind::Dot,
                 l if l >= SUSPECTED && is_sized && is_long => Kind::Dot,
                 l if l >= SUSPECTED => Kind::Doubtful,
                 l if l >= UNSEEN && is_like => Kind::Dot,
-                l if l >= UNSEEN && mark.darkness >= ALONE[1][0] * self.darkness => Kind::Doubtful,
-                // Nothing else is steady on a ball without print, whatever the detector sees.
-                _ if may_be_disc && is_steady && is_shown => Kind::Doubtful,
+                l if l >= UNSEEN => Kind::Doubtful,
                 _ => Kind::Other,
             };
         }

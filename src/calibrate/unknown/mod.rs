@@ -31,10 +31,10 @@ use super::result::{Calibration, DotState, rms_sigma_rad};
 use crate::error::Result;
 use crate::image::RgbImage;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
+use crate::vision::Budget;
 use crate::vision::FrameEstimate;
-use crate::vision::albedo::{Albedo, AlbedoMaker};
 use crate::vision::estimator::{BatchConfig, BatchObserver};
-use crate::vision::{Budget, Outline};
+use crate::vision::painted::PaintedFrame;
 use nalgebra::Matrix2;
 
 pub use design::matching_design;
@@ -58,9 +58,7 @@ const MIN_VIEWS: usize = ESTABLISHED;
 
 /// What [`build_pattern`] is given of a clip.
 #[derive(Debug, Default)]
-pub struct SurfaceObserver {
-    maker: AlbedoMaker,
-}
+pub struct SurfaceObserver;
 
 impl SurfaceObserver {
     /// Settings under which detections are found and no pose is looked for, which is all that is needed.
@@ -83,10 +81,10 @@ impl SurfaceObserver {
 
 /// Keeps what is drawn on the ball.
 impl BatchObserver for SurfaceObserver {
-    type Kept = Albedo;
+    type Kept = PaintedFrame;
 
-    fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<Albedo> {
-        let take = |outline: Outline| self.maker.take(&image.to_gray(), &outline.circle);
+    fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<PaintedFrame> {
+        let take = |outline| PaintedFrame::take(&image.to_gray(), &outline);
         Ok(estimate.outline.map(take).unwrap_or_default())
     }
 }
@@ -243,25 +241,23 @@ pub fn confirmed(
     for (dot, place) in calibration.dots.iter_mut().zip(&built.places) {
         let is_found = matches!(dot.state, DotState::Measured | DotState::Doubtful);
         let sigma_rad = rms_sigma_rad(&dot.covariance);
-        match place {
-            Some(place) if place.is_sure => {
-                let settled = match is_found {
-                    true => place.or(&dot.direction, sigma_rad),
-                    false => Some(place.direction),
-                };
-                match settled {
-                    Some(direction) if is_found && direction == dot.direction => {}
-                    Some(direction) => {
-                        dot.state = DotState::Measured;
-                        dot.direction = direction;
-                        dot.covariance = Matrix2::identity() * MARK_SIGMA_RAD.powi(2);
-                    }
-                    None => dots += 1,
-                }
-            }
+        let settled = match place {
+            Some(place) if place.is_sure && is_found => place.or(&dot.direction, sigma_rad),
+            Some(place) if place.is_sure => Some(place.direction),
             // Few views of a dot may all err to one side.
-            Some(place) if is_found => dots += usize::from(!place.is_near(&dot.direction)),
-            _ => dots += usize::from(!is_found),
+            Some(place) if is_found && !place.is_near(&dot.direction) => {
+                place.between(&dot.direction)
+            }
+            _ => is_found.then_some(dot.direction),
+        };
+        match settled {
+            Some(direction) if is_found && direction == dot.direction => {}
+            Some(direction) => {
+                dot.state = DotState::Measured;
+                dot.direction = direction;
+                dot.covariance = Matrix2::identity() * MARK_SIGMA_RAD.powi(2);
+            }
+            None => dots += 1,
         }
     }
     match dots {
@@ -270,20 +266,20 @@ pub fn confirmed(
     }
 }
 
-/// Builds the pattern of the ball in a clip from its detections; the poses of the estimates do not matter. `albedos` are what the frames
-/// show of the ball's surface, one a frame; without them, detections alone say what is a dot. `expected_dots` is the number of dots,
+/// Builds the pattern of the ball in a clip from its detections; the poses of the estimates do not matter. `shown` is what the frames
+/// show of the ball's surface, one a frame; without it, detections alone say what is a dot. `expected_dots` is the number of dots,
 /// where it is known.
 ///
 /// # Errors
 /// [`crate::Error::Argument`] for settings outside their domains.
 pub fn build_pattern(
     estimates: &[FrameEstimate],
-    albedos: Option<&[Albedo]>,
+    shown: Option<&[PaintedFrame]>,
     expected_dots: Option<usize>,
     config: &CalibrationConfig,
 ) -> Result<std::result::Result<BuiltPattern, UnknownRejection>> {
-    if let Some(albedos) = albedos {
-        return Ok(survey(estimates, albedos, expected_dots, config)?.pattern);
+    if let Some(shown) = shown {
+        return Ok(survey(estimates, shown, expected_dots, config)?.pattern);
     }
     config.check()?;
     let map = grown(estimates, config)?;
@@ -294,9 +290,9 @@ pub fn build_pattern(
 ///
 /// # Errors
 /// [`crate::Error::Argument`] for settings outside their domains.
-pub fn survey<A: Borrow<Albedo> + Sync>(
+pub fn survey<F: Borrow<PaintedFrame>>(
     estimates: &[FrameEstimate],
-    albedos: &[A],
+    shown: &[F],
     expected_dots: Option<usize>,
     config: &CalibrationConfig,
 ) -> Result<Survey> {
@@ -305,7 +301,7 @@ pub fn survey<A: Borrow<Albedo> + Sync>(
         Ok(map) => map,
         Err(rejection) => return Ok(Survey::rejected(estimates.len(), rejection)),
     };
-    let surface = Surface::new(&mut map, albedos)?;
+    let surface = Surface::new(&mut map, shown)?;
     let pattern = map.finish(&surface, expected_dots);
     Ok(Survey {
         frames: estimates.len(),

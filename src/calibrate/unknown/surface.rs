@@ -1,23 +1,24 @@
 //! What is dark on the surface of a ball, place by place, by all frames of a clip.
 //!
-//! The frames that the detections placed make the first map ([`AlbedoMap`]); those that showed too few dots are then laid on it by
-//! their pixels, and all make the next. What detections placed stays: on 8 clips (`bench calibration-unknown --seed 35100001 --plain`)
-//! their poses were within 0.2 to 0.5 deg.
+//! The frames that the detections placed make the first map; those that showed too few dots are then laid on it by their pixels, and all make
+//! the next ([`PaintMapper`]).
 
 use std::borrow::Borrow;
 
-use super::map::{Map, Placed};
-use crate::concurrency;
-use crate::error::Result;
-use crate::geometry::{Rotation, Vec3};
-use crate::stats::median;
-use crate::vision::albedo::Albedo;
-use crate::vision::albedo::map::{AlbedoMap, PosedAlbedo, SHOWN};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
-/// Maps made one from the other.
-const ROUNDS: usize = 2;
-/// A frame laid on the map that agrees with it by less than this part of the middle frame is not placed.
-const AGREES: f64 = 0.6;
+use super::map::{Map, Placed};
+use crate::error::{Error, Result};
+use crate::geometry::Vec3;
+use crate::stats::{SIGMA_PER_MAD, median};
+use crate::vision::painted::{MappedFrame, PaintMap, PaintMapper, PaintedFrame};
+
+type Tree = ImmutableKdTree<f64, 3>;
+
+/// Fewer views of a place may be of a finger.
+pub(super) const SHOWN: usize = 2;
+/// Places so near, radians, are averaged.
+const NEIGHBORS: f64 = 0.03;
 /// The bare ball about a place: this share of the places so near, radians, is no brighter.
 const BARE: f64 = 0.7;
 const ABOUT: f64 = 0.35;
@@ -34,7 +35,7 @@ pub(super) struct Surface {
     pub noise: f32,
     /// The darkness of the bare ball, which is no more than its noise.
     pub floor: f32,
-    map: AlbedoMap,
+    tree: Tree,
 }
 
 /// A place of the surface.
@@ -50,44 +51,61 @@ pub(super) struct Place {
 }
 
 impl Surface {
-    /// By the frames of a map, which it places anew. `albedos` are those of the map's estimates.
-    pub fn new<A: Borrow<Albedo> + Sync>(map: &mut Map<'_>, albedos: &[A]) -> Result<Self> {
-        let mut poses: Vec<Option<Rotation>> = (0..map.frames.len())
-            .map(|k| Some(map.frames[k].to_view() * map.placed[k].as_ref()?.rotation))
+    /// By the frames of a map, which it places anew. `shown` is what the frames of the map's estimates show.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where no search tree can be made.
+    pub fn new<F: Borrow<PaintedFrame>>(map: &mut Map<'_>, shown: &[F]) -> Result<Self> {
+        let mut frames: Vec<MappedFrame<'_>> = (map.frames.iter().zip(&map.placed))
+            .map(|(seen, placed)| MappedFrame {
+                paint: shown[seen.index].borrow(),
+                view: seen.view(),
+                rotation: placed.as_ref().map(|p| seen.to_view() * p.rotation),
+            })
             .collect();
-        let mut surface = AlbedoMap::new(&posed(map, albedos, &poses))?;
-        for _ in 0..ROUNDS {
-            // The same frames make the same map.
-            if !lay(&surface, map, albedos, &mut poses) {
-                break;
-            }
-            surface = AlbedoMap::new(&posed(map, albedos, &poses))?;
-        }
-        for (k, pose) in poses.iter().enumerate() {
-            let to_view = map.frames[k].to_view();
-            map.placed[k] = pose.map(|rotation| Placed {
-                rotation: to_view.inverse() * rotation,
-                names: vec![None; map.frames[k].dots.len()],
+        let paint = PaintMapper::default().map(&mut frames);
+        for ((seen, placed), frame) in map.frames.iter().zip(&mut map.placed).zip(&frames) {
+            *placed = frame.rotation.map(|rotation| Placed {
+                rotation: seen.to_view().inverse() * rotation,
+                names: vec![None; seen.dots.len()],
             });
         }
         map.rename();
-        Ok(Self::of(surface))
+        Self::of(&paint)
     }
 
-    fn of(map: AlbedoMap) -> Self {
-        let directions = map.directions();
-        let (values, views) = (map.values(), map.views());
+    fn of(map: &PaintMap) -> Result<Self> {
+        let (directions, views) = (map.directions(), map.views());
+        let points: Vec<[f64; 3]> = directions.iter().map(|d| [d.x, d.y, d.z]).collect();
+        let tree = Tree::new_from_slice(&points)
+            .map_err(|e| Error::argument("surface", format!("no search tree: {e}")))?;
+        let raw: Vec<f32> = map.values().iter().map(|v| v.exp()).collect();
+        let mean = |k: usize| {
+            let (mut sum, mut count) = (0.0, 0.0);
+            near(&tree, &directions[k], NEIGHBORS, |j| {
+                if views[j] > 0 {
+                    sum += raw[j];
+                    count += 1.0;
+                }
+            });
+            if count > 0.0 { sum / count } else { 1.0 }
+        };
+        let values: Vec<f32> = (0..directions.len()).map(mean).collect();
+        let seen = || (0..directions.len()).filter(|k| views[*k] > 0);
+        let mut off: Vec<f64> = seen()
+            .map(|k| f64::from((raw[k] - values[k]).abs()))
+            .collect();
         let mut around = Vec::new();
         let mut place = |k: usize| {
             let mut place = Place {
                 direction: directions[k],
                 darkness: 0.0,
-                views: views[k],
+                views: views[k] as usize,
                 steady: 0.0,
             };
             if place.views > 0 {
                 around.clear();
-                map.near(&directions[k], ABOUT, |j| {
+                near(&tree, &directions[k], ABOUT, |j| {
                     if views[j] > 0 && j % STRIDE == 0 {
                         around.push(values[j]);
                     }
@@ -96,19 +114,18 @@ impl Surface {
                 let nth = ((around.len() - 1) as f64 * BARE) as usize;
                 let (_, bare, _) = around.select_nth_unstable_by(nth, f32::total_cmp);
                 place.darkness = (*bare - values[k]).max(0.0);
-                place.steady = map.darker(k, 0.5 * (*bare + values[k]));
+                place.steady = map.darker(k, (0.5 * (*bare + values[k])).ln());
             }
             place
         };
         let places: Vec<Place> = (0..directions.len()).map(&mut place).collect();
-        let seen = places.iter().filter(|p| p.views > 0);
-        let mut darkness: Vec<f64> = seen.map(|p| f64::from(p.darkness)).collect();
-        Self {
-            places,
+        let mut darkness: Vec<f64> = seen().map(|k| f64::from(places[k].darkness)).collect();
+        Ok(Self {
             floor: median(&mut darkness) as f32,
-            noise: map.noise(),
-            map,
-        }
+            noise: (SIGMA_PER_MAD * median(&mut off)) as f32,
+            places,
+            tree,
+        })
     }
 
     /// Share of the surface that the frames show.
@@ -119,7 +136,7 @@ impl Surface {
 
     /// Calls `take` with every place nearer to a direction than `within`, radians.
     pub fn near(&self, direction: &Vec3, within: f64, take: impl FnMut(usize)) {
-        self.map.near(direction, within, take);
+        near(&self.tree, direction, within, take);
     }
 
     /// Whether the places about a direction are all less dark than `darkness`, in enough views to tell.
@@ -151,83 +168,13 @@ impl Surface {
     }
 }
 
-/// A frame of the map, under a rotation from the map to the view.
-fn posed_frame<'a, A: Borrow<Albedo>>(
-    map: &Map<'_>,
-    albedos: &'a [A],
-    k: usize,
-    rotation: Rotation,
-) -> Option<PosedAlbedo<'a>> {
-    let seen = &map.frames[k];
-    Some(PosedAlbedo {
-        albedo: albedos.get(seen.index)?.borrow(),
-        view: seen.view(),
-        rotation,
-    })
-}
-
-/// The frames that are placed.
-fn posed<'a, A: Borrow<Albedo>>(
-    map: &Map<'_>,
-    albedos: &'a [A],
-    poses: &[Option<Rotation>],
-) -> Vec<PosedAlbedo<'a>> {
-    let posed = poses.iter().enumerate();
-    let posed = posed.filter_map(|(k, pose)| posed_frame(map, albedos, k, (*pose)?));
-    posed.collect()
-}
-
-/// Lays the frames that are not placed on the surface, from their neighbors on, and says whether one is placed by that.
-fn lay<A: Borrow<Albedo> + Sync>(
-    surface: &AlbedoMap,
-    map: &Map<'_>,
-    albedos: &[A],
-    poses: &mut [Option<Rotation>],
-) -> bool {
-    if poses.iter().all(Option::is_some) {
-        return false;
-    }
-    let laid = |k: usize, start: Rotation| {
-        let mut frame = posed_frame(map, albedos, k, start)?;
-        frame.rotation = surface.align(&frame)?;
-        Some((frame.rotation, surface.agreement(&frame)))
-    };
-    let placed = posed(map, albedos, poses);
-    let mut agreements = concurrency::map(&placed, |frame| surface.agreement(frame));
-    let least = AGREES * median(&mut agreements);
-    let mut has_new = false;
-    // Outwards from the placed ones.
-    loop {
-        let open: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].is_none()).collect();
-        let found = concurrency::map(&open, |k| {
-            let starts = starts(*k, poses);
-            let tried = starts.into_iter().filter_map(|start| laid(*k, start));
-            let best = tried.max_by(|a, b| a.1.total_cmp(&b.1));
-            best.filter(|l| l.1 >= least)
-        });
-        if found.iter().all(Option::is_none) {
-            return has_new;
-        }
-        has_new = true;
-        for (k, found) in open.into_iter().zip(found) {
-            poses[k] = found.map(|f| f.0);
-        }
-    }
-}
-
-/// Where a frame may lie: as its neighbors, and where their turns lead.
-fn starts(k: usize, poses: &[Option<Rotation>]) -> Vec<Rotation> {
-    let at = |k: Option<usize>| *poses.get(k?)?;
-    let sides = [
-        [k.checked_sub(1), k.checked_sub(2)],
-        [Some(k + 1), Some(k + 2)],
-    ];
-    let mut starts = Vec::new();
-    for [one, two] in sides {
-        starts.extend(at(one));
-        if let (Some(one), Some(two)) = (at(one), at(two)) {
-            starts.push(one * two.inverse() * one);
-        }
-    }
-    starts
+/// Calls `take` with every place nearer to a direction than `within`, radians.
+fn near(tree: &Tree, direction: &Vec3, within: f64, mut take: impl FnMut(usize)) {
+    let chord = 2.0 * (0.5 * within).sin();
+    let point = [direction.x, direction.y, direction.z];
+    let query = tree.query(&point);
+    let found = query
+        .within::<SquaredEuclidean<f64>>(chord * chord)
+        .execute();
+    found.iter().for_each(|n| take(n.item as usize));
 }

@@ -1,10 +1,9 @@
 //! How much of a ball a clip shows, and where what it lacks lies.
 
 use super::map::Map;
-use super::surface::Surface;
+use super::surface::{SHOWN, Surface};
 use super::{BuiltPattern, UnknownRejection};
 use crate::geometry::{Vec3, angle_between};
-use crate::vision::albedo::map::SHOWN;
 
 /// Of the places that no view shows, one in so many is tried for the middle of the largest hole.
 const TRIED: usize = 16;

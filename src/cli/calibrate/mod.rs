@@ -23,8 +23,8 @@ use crate::report::calibration::{
 };
 use crate::source::pipe::PipeFormat;
 use crate::validate::check_samples;
-use crate::vision::albedo::Albedo;
 use crate::vision::estimator::{BatchConfig, SequenceOutcome, estimate_inputs};
+use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
 
 #[derive(Debug, Args)]
@@ -293,19 +293,14 @@ impl Arguments {
     fn unknown_ball(&self, balls: Vec<Ball>, config: &CalibrationConfig) -> Result<(Ball, Origin)> {
         let estimator = self.stand_in(config)?;
         let settings = SurfaceObserver::settings(self.batch()?);
-        let batch = estimate_inputs(
-            &estimator,
-            &self.clip,
-            &settings,
-            &SurfaceObserver::default(),
-        )?;
+        let batch = estimate_inputs(&estimator, &self.clip, &settings, &SurfaceObserver)?;
         let names: Vec<String> = batch.frames.iter().map(|f| f.name.clone()).collect();
-        let (frames, albedos): (Vec<FrameEstimate>, Vec<Albedo>) = batch
+        let (frames, shown): (Vec<FrameEstimate>, Vec<PaintedFrame>) = batch
             .frames
             .into_iter()
             .map(|f| (f.estimate, f.kept))
             .unzip();
-        let survey = survey(&frames, &albedos, self.dots, config)?;
+        let survey = survey(&frames, &shown, self.dots, config)?;
         let built = survey.pattern.map_err(|r| match survey.missing {
             Some(side) => {
                 let (there, frame) = (side.there.words(), &names[side.nearest]);

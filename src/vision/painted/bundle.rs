@@ -16,13 +16,11 @@ use nalgebra::{DMatrix, DVector, Vector4};
 
 use super::clip::{Clip, FIXED, Shared};
 use super::fit::{ALIGNED, LEAST_SIGMA, Laid, MAX_STEP, REACH};
-use super::surface::{Grid, Surface};
+use super::surface::{Grid, PLACES, Surface};
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3};
-use crate::stats::{SIGMA_PER_MAD, biweight, median};
+use crate::stats::{biweight, weighted_sigma};
 
-/// Every so many-th place takes part.
-const STRIDE: usize = 3;
 /// Standard deviation of a frame's turn in one step, radians: what nothing fixes stays.
 const DAMPING: f64 = 0.2;
 
@@ -91,26 +89,28 @@ fn rows(
         let turn = laid.rotation.to_rotation_matrix();
         let back = turn.inverse();
         let mut rows = Vec::new();
-        for place in (0..grid.directions.len()).step_by(STRIDE) {
-            let direction = &grid.directions[place];
+        let mut sizes = Vec::new();
+        for &place in &surface.steep {
+            let direction = &grid.directions[place as usize];
             let at = turn * direction;
             let depth = face.depth(&at);
-            if depth < ALIGNED || surface.weights[place] <= 0.0 {
+            if depth < ALIGNED {
                 continue;
             }
             let Some(by) = moved.by(&at) else { continue };
-            let slope = Vec3::from(surface.turns[place].map(f64::from)).cross(direction);
+            let slope = Vec3::from(surface.turns[place as usize].map(f64::from)).cross(direction);
+            let residual = face.at(&at) - f64::from(surface.values[place as usize]);
+            sizes.push([residual.abs(), slope.norm_squared()]);
             rows.push(Row {
-                place: place as u32,
+                place,
                 frame: number as u32,
                 weight: depth,
-                residual: face.at(&at) - f64::from(surface.values[place]),
+                residual,
                 by: Vector4::from_fn(|j, _| -slope.dot(&(back * by[j]))),
             });
         }
-        let mut sizes: Vec<f64> = rows.iter().map(|r| r.residual.abs()).collect();
-        let sigma = (SIGMA_PER_MAD * median(&mut sizes)).max(LEAST_SIGMA);
-        let scale = 1.0 / (face.places_a_value(rows.len()) * sigma * sigma);
+        let sigma = weighted_sigma(&mut sizes).max(LEAST_SIGMA);
+        let scale = 1.0 / (face.places_a_value(PLACES) * sigma * sigma);
         for row in &mut rows {
             row.weight *= scale * biweight(row.residual / (REACH * sigma));
         }

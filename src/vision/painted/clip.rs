@@ -77,8 +77,7 @@ impl<'a> Clip<'a> {
     fn take(&mut self, frames: &[usize], maker: &FaceMaker) {
         let taken = concurrency::map(frames, |&k| {
             let (circle, sigma_px) = self.circles[k]?;
-            let (image, view) = (self.frames[k].image()?, self.view(k)?);
-            Some(maker.take(&image, &view, sigma_px / circle.radius))
+            maker.take(&self.frames[k], &self.view(k)?, sigma_px / circle.radius)
         });
         for (k, face) in frames.iter().zip(taken) {
             self.faces[*k] = face;
@@ -102,7 +101,7 @@ impl<'a> Clip<'a> {
         circle.center.u += shift[0] * circle.radius;
         circle.center.v += shift[1] * circle.radius;
         circle.radius *= 1.0 + shift[2];
-        self.frames[k].view(&camera, &circle)
+        BallView::new(&camera, circle).ok()
     }
 
     /// What all views share: the shift of the outlines over their radii (u, v, radius), and the camera's inverse distance.

@@ -5,9 +5,9 @@
 //! [`ABOUT`] on the ball: light and exposure, which vary slowly over the ball, leave, and marks stay. FicTrac thresholds each pixel
 //! against its surroundings for the same reason (R. J. D. Moore et al., J. Neurosci. Methods 225, 2014).
 
+use super::frame::PaintedFrame;
 use crate::geometry::{Vec3, spiral_directions};
-use crate::image::GrayImage;
-use crate::vision::camera::BallView;
+use crate::vision::camera::{BallView, Pixel};
 
 /// Values along the ball's diameter, at least and at most: a picture has no more than the image.
 const SIDE: [f64; 2] = [24.0, 128.0];
@@ -65,10 +65,16 @@ pub struct Face {
     center_sigma: f64,
 }
 
-impl FaceMaker {
-    /// The ball's face in an image (values 0 to 1), with the standard deviation of its outline's center over the radius.
-    pub fn take(&self, image: &GrayImage, view: &BallView, center_sigma: f64) -> Face {
-        let radius = view.circle().radius;
+/// Values over the ball's near side, as a [`Face`] has them.
+pub(super) struct Samples {
+    pub values: Vec<f32>,
+    side: usize,
+    horizon: f64,
+}
+
+impl Samples {
+    /// By the brightness at pixels of an image, under whose `view` the ball's radius is so many known pixels.
+    pub fn take(sample: impl Fn(Pixel) -> f32, radius: f64, view: &BallView) -> Self {
         let side = (2.0 * radius).clamp(SIDE[0], SIDE[1]).round() as usize;
         // A value of a large ball is the mean of so many rays squared.
         let fine = (2.0 * radius / side as f64).ceil().max(1.0) as usize;
@@ -85,25 +91,54 @@ impl FaceMaker {
                     let (x, y) = (along(column, ray % fine), -along(row, ray / fine));
                     let square = 1.0 - x * x - y * y;
                     if square > horizon * horizon {
-                        let pixel = view.project(&Vec3::new(x, y, square.sqrt()));
-                        sum += image.sample(pixel.u, pixel.v);
+                        sum += sample(view.project(&Vec3::new(x, y, square.sqrt())));
                         count += 1;
                     }
                 }
                 values.push(if count > 0 { sum / count as f32 } else { 0.0 });
             }
         }
-        let values = self.flatten(&mut values, side, horizon);
-        Face {
+        Self {
             values,
             side,
             horizon,
-            center_sigma,
         }
     }
 
+    /// The face of these values. `center_sigma` is the standard deviation of the outline's center over the radius.
+    pub fn to_face(&self, center_sigma: f64) -> Face {
+        let step = |value: &f32| (f64::from(*value) / STEP).round().clamp(-127.0, 127.0) as i8;
+        Face {
+            values: self.values.iter().map(step).collect(),
+            side: self.side,
+            horizon: self.horizon,
+            center_sigma,
+        }
+    }
+}
+
+impl FaceMaker {
+    /// What a frame shows under a view of the ball in the image; `None` where it shows none. `center_sigma` is the standard deviation of the
+    /// outline's center over the radius.
+    pub fn take(&self, frame: &PaintedFrame, view: &BallView, center_sigma: f64) -> Option<Face> {
+        let (image, grid) = frame.image()?;
+        let sample = |pixel: Pixel| {
+            let at = grid.pixel_to_part(pixel);
+            image.sample(at.u, at.v)
+        };
+        let mut samples = Samples::take(sample, view.circle().radius / grid.side, view);
+        self.flatten(&mut samples);
+        Some(samples.to_face(center_sigma))
+    }
+
     /// The logarithms less their means about them.
-    fn flatten(&self, values: &mut [f32], side: usize, horizon: f64) -> Vec<i8> {
+    fn flatten(&self, samples: &mut Samples) {
+        let Samples {
+            values,
+            side,
+            horizon,
+        } = samples;
+        let (side, horizon) = (*side, *horizon);
         let in_sight = |p: &&Vec3| depth(p, horizon) > READ;
         let (sum, count) = self
             .places
@@ -131,12 +166,10 @@ impl FaceMaker {
             })
             .collect();
         let along = |k: usize| 2.0 * (k as f64 + 0.5) / side as f64 - 1.0;
-        let flat = values.iter().enumerate().map(|(at, value)| {
+        for (at, value) in values.iter_mut().enumerate() {
             let (x, y) = (along(at % side), -along(at / side));
-            let flat = f64::from(*value) - bilinear(&means, COARSE, x, y);
-            (flat / STEP).round().clamp(-127.0, 127.0) as i8
-        });
-        flat.collect()
+            *value -= bilinear(&means, COARSE, x, y) as f32;
+        }
     }
 }
 
@@ -176,9 +209,9 @@ impl Face {
         self.center_sigma
     }
 
-    /// How many of so many places in sight share a value, at least 1: they are no more independent than the values under them.
+    /// How many of so many places all over the ball share a value, at least 1: they are no more independent than the values under them.
     pub fn places_a_value(&self, places: usize) -> f64 {
-        let values = 0.25 * std::f64::consts::PI * (self.side * self.side) as f64;
+        let values = std::f64::consts::PI * (self.side * self.side) as f64;
         (places as f64 / values).max(1.0)
     }
 }

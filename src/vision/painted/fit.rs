@@ -7,15 +7,15 @@
 //! ```
 //!
 //! so that the surface's slopes serve every face (S. Baker, I. Matthews, "Lucas-Kanade 20 years on", IJCV 2004: inverse
-//! compositional), as in [`albedo::map`](crate::vision::albedo::map). Residuals are weighted by Tukey's biweight: what is before the ball
+//! compositional). Residuals are weighted by Tukey's biweight: what is before the ball
 //! is not on it.
 
 use nalgebra::Matrix3;
 
 use super::face::Face;
-use super::surface::{Grid, Surface};
+use super::surface::{Grid, PLACES, Surface};
 use crate::geometry::{Rotation, Vec3};
-use crate::stats::{SIGMA_PER_MAD, biweight, median};
+use crate::stats::{biweight, weighted_sigma};
 
 /// Depth from which a place takes part.
 pub(super) const ALIGNED: f64 = 0.4;
@@ -47,8 +47,13 @@ pub(super) struct Laid {
 impl Laid {
     /// The first face, whose view frame is that of the surface.
     pub(super) fn first() -> Self {
+        Self::at(Rotation::identity())
+    }
+
+    /// A face that something else has placed.
+    pub(super) fn at(rotation: Rotation) -> Self {
         Self {
-            rotation: Rotation::identity(),
+            rotation,
             agreement: 1.0,
             covariance: Matrix3::zeros(),
         }
@@ -58,9 +63,8 @@ impl Laid {
 /// A place in sight.
 #[derive(Debug)]
 struct Seen {
-    place: usize,
+    turn: Vec3,
     residual: f64,
-    value: f64,
     depth: f64,
 }
 
@@ -68,7 +72,7 @@ struct Seen {
 #[derive(Debug, Default)]
 pub(super) struct FitSpace {
     seen: Vec<Seen>,
-    sorted: Vec<f64>,
+    sizes: Vec<[f64; 2]>,
 }
 
 impl FitSpace {
@@ -82,9 +86,9 @@ impl FitSpace {
     ) -> Option<Laid> {
         let mut rotation = *start;
         for step in 0..FIT_STEPS {
-            let noise = self.see(grid, surface, face, &rotation)?;
+            let noise = self.see(grid, surface, face, &rotation);
             let floor = (COARSE * 0.75f64.powi(step as i32)).max(LEAST_SIGMA);
-            let (matrix, vector) = self.equations(surface, noise.max(floor));
+            let (matrix, vector) = self.equations(noise.max(floor));
             let turn = matrix.cholesky()?.solve(&vector);
             let turn = turn * (MAX_STEP / turn.norm().max(MAX_STEP));
             rotation *= Rotation::from_scaled_axis(-turn);
@@ -94,78 +98,83 @@ impl FitSpace {
                 break;
             }
         }
-        let sigma = self.see(grid, surface, face, &rotation)?.max(LEAST_SIGMA);
-        let (matrix, _) = self.equations(surface, sigma);
+        let sigma = self.see(grid, surface, face, &rotation).max(LEAST_SIGMA);
+        let (matrix, _) = self.equations(sigma);
         let own = matrix.cholesky()?.inverse();
-        let shared = face.places_a_value(self.seen.len());
+        let shared = face.places_a_value(PLACES);
         let to_view = rotation.to_rotation_matrix();
         let covariance = to_view.matrix() * own * to_view.matrix().transpose();
         Some(Laid {
             rotation,
-            agreement: self.agreement(surface),
+            agreement: agreement(grid, surface, face, &rotation)?,
             covariance: covariance * (shared * sigma * sigma),
         })
     }
 
-    /// The known places in sight, and the standard deviation of their residuals; `None` where they are too few.
-    fn see(
-        &mut self,
-        grid: &Grid,
-        surface: &Surface,
-        face: &Face,
-        rotation: &Rotation,
-    ) -> Option<f64> {
+    /// The steep places in sight, and the standard deviation of their residuals.
+    fn see(&mut self, grid: &Grid, surface: &Surface, face: &Face, rotation: &Rotation) -> f64 {
         self.seen.clear();
-        self.sorted.clear();
-        let turn = rotation.to_rotation_matrix();
-        let mut in_sight = 0;
-        for (place, direction) in grid.directions.iter().enumerate() {
-            let at = turn * direction;
+        self.sizes.clear();
+        let to_view = rotation.to_rotation_matrix();
+        for &place in &surface.steep {
+            let place = place as usize;
+            let at = to_view * grid.directions[place];
             let depth = face.depth(&at);
             if depth < ALIGNED {
                 continue;
             }
-            in_sight += 1;
-            if surface.weights[place] > 0.0 {
-                let value = face.at(&at);
-                let residual = value - f64::from(surface.values[place]);
-                self.sorted.push(residual.abs());
-                self.seen.push(Seen {
-                    place,
-                    residual,
-                    value,
-                    depth,
-                });
-            }
+            let turn = Vec3::from(surface.turns[place].map(f64::from));
+            let residual = face.at(&at) - f64::from(surface.values[place]);
+            self.sizes.push([residual.abs(), turn.norm_squared()]);
+            self.seen.push(Seen {
+                turn,
+                residual,
+                depth,
+            });
         }
-        let is_enough = self.seen.len() as f64 >= MIN_KNOWN * f64::from(in_sight);
-        is_enough.then(|| SIGMA_PER_MAD * median(&mut self.sorted))
+        weighted_sigma(&mut self.sizes)
     }
 
-    fn equations(&self, surface: &Surface, sigma: f64) -> (Matrix3<f64>, Vec3) {
+    fn equations(&self, sigma: f64) -> (Matrix3<f64>, Vec3) {
         let mut matrix = Matrix3::identity() * 1e-9;
         let mut vector = Vec3::zeros();
         for seen in &self.seen {
             let weight = seen.depth * biweight(seen.residual / (REACH * sigma));
             if weight > 0.0 {
-                let row = Vec3::from(surface.turns[seen.place].map(f64::from));
-                matrix.ger(weight, &row, &row, 1.0);
-                vector.axpy(weight * seen.residual, &row, 1.0);
+                matrix.ger(weight, &seen.turn, &seen.turn, 1.0);
+                vector.axpy(weight * seen.residual, &seen.turn, 1.0);
             }
         }
         (matrix, vector)
     }
+}
 
-    fn agreement(&self, surface: &Surface) -> f64 {
-        let mut sums = [0.0; 6];
-        for seen in &self.seen {
-            let [a, b] = [seen.value, f64::from(surface.values[seen.place])];
+/// The correlation of a face with the surface under a rotation, places weighted by their depths; `None` where too little in sight is known.
+pub(super) fn agreement(
+    grid: &Grid,
+    surface: &Surface,
+    face: &Face,
+    rotation: &Rotation,
+) -> Option<f64> {
+    let to_view = rotation.to_rotation_matrix();
+    let (mut in_sight, mut known, mut sums) = (0, 0, [0.0; 6]);
+    for (place, direction) in grid.compared() {
+        let at = to_view * direction;
+        let depth = face.depth(&at);
+        if depth < ALIGNED {
+            continue;
+        }
+        in_sight += 1;
+        if surface.weights[place] > 0.0 {
+            known += 1;
+            let [a, b] = [face.at(&at), f64::from(surface.values[place])];
             for (sum, term) in sums.iter_mut().zip([1.0, a, b, a * a, b * b, a * b]) {
-                *sum += seen.depth * term;
+                *sum += depth * term;
             }
         }
-        let [n, a, b, aa, bb, ab] = sums;
-        let spread = ((aa - a * a / n) * (bb - b * b / n)).max(1e-12).sqrt();
-        (ab - a * b / n) / spread
     }
+    let [n, a, b, aa, bb, ab] = sums;
+    let spread = ((aa - a * a / n) * (bb - b * b / n)).max(1e-12).sqrt();
+    let is_enough = f64::from(known) >= MIN_KNOWN * f64::from(in_sight);
+    is_enough.then(|| (ab - a * b / n) / spread)
 }

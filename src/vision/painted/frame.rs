@@ -1,7 +1,9 @@
 //! What is kept of an image: the pixels about the ball.
 
+use std::sync::Arc;
+
 use crate::image::{GrayImage, Roi};
-use crate::vision::camera::{BallCircle, BallView, Camera};
+use crate::vision::camera::BallCircle;
 use crate::vision::grid::Grid;
 use crate::vision::outline::Outline;
 
@@ -12,7 +14,7 @@ const MAX_RADIUS: f64 = 128.0;
 
 /// What a frame shows of a painted ball; nothing by default.
 #[derive(Debug, Clone, Default)]
-pub struct PaintedFrame(Option<Kept>);
+pub struct PaintedFrame(Option<Arc<Kept>>);
 
 #[derive(Debug, Clone)]
 struct Kept {
@@ -64,13 +66,13 @@ impl PaintedFrame {
             }
         }
         let center = outline.covariance.fixed_view::<2, 2>(0, 0);
-        Self(Some(Kept {
+        Self(Some(Arc::new(Kept {
             values,
             size: [width, height],
             grid: Grid::of(&part, level),
             circle,
             sigma_px: (0.5 * center.trace()).max(0.0).sqrt(),
-        }))
+        })))
     }
 
     /// Bytes that it takes.
@@ -84,21 +86,11 @@ impl PaintedFrame {
         self.0.as_ref().map(|kept| (kept.circle, kept.sigma_px))
     }
 
-    /// The pixels, 0 to 1.
-    pub(super) fn image(&self) -> Option<GrayImage> {
+    /// The pixels, 0 to 1, and where they lie in the image.
+    pub(super) fn image(&self) -> Option<(GrayImage, Grid)> {
         let kept = self.0.as_ref()?;
         let [width, height] = kept.size;
         let value = |u: usize, v: usize| f32::from(kept.values[v * width + u]) / 255.0;
-        Some(GrayImage::from_fn(width, height, value))
-    }
-
-    /// How a camera sees the ball in these pixels that has the outline `circle` in the image.
-    pub(super) fn view(&self, camera: &Camera, circle: &BallCircle) -> Option<BallView> {
-        let kept = self.0.as_ref()?;
-        let camera = match camera {
-            Camera::Perspective(k) => Camera::Perspective(kept.grid.intrinsics_to_part(k)),
-            other => *other,
-        };
-        BallView::new(&camera, kept.grid.circle_to_part(circle)).ok()
+        Some((GrayImage::from_fn(width, height, value), kept.grid))
     }
 }

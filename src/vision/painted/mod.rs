@@ -13,17 +13,22 @@
 //! often wrong, is measured (`bench painted`). What is not: a ball with hardly any paint, or paint that repeats, is refused or wrong; a clip
 //! may drift where the ball does not come around, which no covariance says.
 
+mod bare;
 mod bundle;
 mod clip;
 mod face;
 mod file;
 mod fit;
 mod frame;
+mod map;
+mod mapper;
 mod search;
 mod steady;
 mod surface;
 mod track;
 
 pub use frame::PaintedFrame;
+pub use map::PaintMap;
+pub use mapper::{MappedFrame, PaintMapper};
 pub use surface::{PLACES, Surface};
 pub use track::{PaintedPose, PaintedPoses, PaintedRejection, PaintedTrack, PaintedTracker};

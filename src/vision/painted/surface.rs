@@ -1,23 +1,24 @@
 //! The painted surface: the values of faces at places all over the ball, and their slopes.
 
 use super::face::Face;
-use super::fit::Laid;
-use crate::geometry::{Vec3, spiral_directions};
+use super::fit::{ALIGNED, Laid};
+use super::map::{Facing, PaintMap};
+use crate::geometry::{Rotation, Vec3, spiral_directions};
 
 /// Places, 2 degrees apart.
 pub const PLACES: usize = 10_000;
 /// Places so near, radians, give the slope.
 const SLOPE: f64 = 0.062;
-/// Depth from which a view shows a place well enough to be kept.
-const FACING: f64 = 0.4;
-/// Depth from which it is seen well, and views by which those that show it less well are not needed.
-const WELL: f64 = 0.6;
-const ENOUGH: u32 = 3;
-/// Steps of the values up to [`FARTHEST`] either way, of which the median is taken.
-const STEPS: usize = 128;
-const FARTHEST: f64 = 2.56;
-/// Steps about the median whose mean is the place's brightness.
-const ABOUT: usize = 4;
+/// The steepest places: those on which faces are laid.
+const STEEP: usize = 4_000;
+/// By every so many-th place a face is compared with the surface.
+const COMPARED: usize = 2;
+/// Views of a place that count.
+const FACING: Facing = Facing {
+    well: 0.6,
+    least: ALIGNED,
+    enough: 3,
+};
 /// A running mean follows what is new: no more than so many views stand against it.
 const MOST: f32 = 12.0;
 
@@ -72,6 +73,13 @@ impl Default for Grid {
     }
 }
 
+impl Grid {
+    /// Places all over the ball by which a face is compared with the surface.
+    pub(super) fn compared(&self) -> impl Iterator<Item = (usize, &Vec3)> {
+        self.directions.iter().enumerate().step_by(COMPARED)
+    }
+}
+
 /// A ball's paint, in the frame of the surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
@@ -80,6 +88,8 @@ pub struct Surface {
     pub(super) weights: Vec<f32>,
     /// `p x grad m` of each place.
     pub(super) turns: Vec<[f32; 3]>,
+    /// The steepest places.
+    pub(super) steep: Vec<u32>,
 }
 
 impl Surface {
@@ -89,13 +99,14 @@ impl Surface {
             values: vec![0.0; PLACES],
             weights: vec![0.0; PLACES],
             turns: vec![[0.0; 3]; PLACES],
+            steep: Vec::new(),
         }
     }
 
     /// Share of the ball that is known.
     pub fn known(&self) -> f64 {
         let known = self.weights.iter().filter(|w| **w > 0.0).count();
-        known as f64 / PLACES as f64
+        known as f64 / self.weights.len() as f64
     }
 
     /// Takes one more view in.
@@ -103,7 +114,7 @@ impl Surface {
         for (k, place) in grid.directions.iter().enumerate() {
             let seen = laid.rotation * place;
             let depth = face.depth(&seen);
-            if depth < FACING {
+            if depth < ALIGNED {
                 continue;
             }
             let value = face.at(&seen) as f32;
@@ -115,42 +126,14 @@ impl Surface {
         self.slope(grid);
     }
 
-    /// By all views: the median of each place's, so that what is before the ball in some of them leaves.
-    pub(super) fn of<'a>(
-        grid: &Grid,
-        views: impl Iterator<Item = (&'a Face, &'a Laid)> + Clone,
-    ) -> Self {
-        let mut well = vec![[0u16; STEPS]; PLACES];
-        let mut poorly = well.clone();
-        for (face, laid) in views {
-            let turn = laid.rotation.to_rotation_matrix();
-            for (k, place) in grid.directions.iter().enumerate() {
-                let seen = turn * place;
-                let depth = face.depth(&seen);
-                if depth < FACING {
-                    continue;
-                }
-                let part = (face.at(&seen) + FARTHEST) / (2.0 * FARTHEST);
-                let step = (part * STEPS as f64).max(0.0) as usize;
-                let counts = if depth < WELL { &mut poorly } else { &mut well };
-                let count = &mut counts[k][step.min(STEPS - 1)];
-                *count = count.saturating_add(1);
-            }
-        }
-        let mut surface = Self::unknown();
-        let sum = |counts: &[u16; STEPS]| counts.iter().map(|n| u32::from(*n)).sum::<u32>();
-        for (k, (well, poorly)) in well.iter_mut().zip(&poorly).enumerate() {
-            if sum(well) < ENOUGH {
-                for (all, more) in well.iter_mut().zip(poorly) {
-                    *all = all.saturating_add(*more);
-                }
-            }
-            let views = sum(well);
-            if views > 0 {
-                surface.values[k] = middle(well, views);
-                surface.weights[k] = views as f32;
-            }
-        }
+    /// By all views.
+    pub(super) fn of(grid: &Grid, views: &[(&Face, Rotation)]) -> Self {
+        let map = PaintMap::new(&grid.directions, views, FACING);
+        let mut surface = Self {
+            values: map.values().to_vec(),
+            weights: map.views().iter().map(|n| *n as f32).collect(),
+            ..Self::unknown()
+        };
         surface.slope(grid);
         surface
     }
@@ -175,25 +158,18 @@ impl Surface {
             let turn = place.cross(&slope);
             self.turns[k] = [turn.x as f32, turn.y as f32, turn.z as f32];
         }
+        self.find_steep();
     }
-}
 
-/// The mean of what lies about the median.
-fn middle(counts: &[u16; STEPS], views: u32) -> f32 {
-    let (mut below, mut at) = (0, 0);
-    for (step, count) in counts.iter().enumerate() {
-        below += u32::from(*count);
-        if 2 * below >= views {
-            at = step;
-            break;
+    fn find_steep(&mut self) {
+        let steepness = |k: &u32| self.turns[*k as usize].iter().map(|t| t * t).sum::<f32>();
+        let known = (0..self.weights.len() as u32).filter(|k| self.weights[*k as usize] > 0.0);
+        let mut steep: Vec<u32> = known.collect();
+        if steep.len() > STEEP {
+            steep.select_nth_unstable_by(STEEP, |a, b| steepness(b).total_cmp(&steepness(a)));
+            steep.truncate(STEEP);
         }
+        steep.sort_unstable();
+        self.steep = steep;
     }
-    let near = at.saturating_sub(ABOUT)..(at + ABOUT + 1).min(STEPS);
-    let (mut sum, mut count) = (0.0, 0.0);
-    for step in near {
-        let n = f32::from(counts[step]);
-        sum += n * (step as f32 + 0.5);
-        count += n;
-    }
-    FARTHEST as f32 * (2.0 * sum / count / STEPS as f32 - 1.0)
 }

@@ -183,7 +183,7 @@ impl PaintedTracker {
                 continue;
             }
             let mut best: Option<Laid> = None;
-            for start in starts(&all) {
+            for start in starts(all.iter().rev()) {
                 let laid = space.lay(&self.grid, &surface, face, &start);
                 best = better(best, laid);
                 if best.as_ref().is_some_and(|b| b.agreement >= SURE) {
@@ -238,21 +238,8 @@ impl PaintedTracker {
         best
     }
 
-    /// The surface that the placed frames show: as many as are needed, spread over the clip.
     fn surface(&self, faces: &[Option<Face>], laid: &[Option<Laid>]) -> Surface {
-        let mut apart: Vec<(&Face, &Laid)> = Vec::new();
-        for (face, laid) in faces.iter().zip(laid) {
-            let (Some(face), Some(laid)) = (face, laid) else {
-                continue;
-            };
-            let turned =
-                |last: &(&Face, &Laid)| rotation_angle(&last.1.rotation, &laid.rotation) > TURNED;
-            if apart.last().is_none_or(turned) {
-                apart.push((face, laid));
-            }
-        }
-        let stride = apart.len().div_ceil(VIEWS).max(1);
-        Surface::of(&self.grid, apart.into_iter().step_by(stride))
+        Surface::of(&self.grid, &apart(faces, laid))
     }
 
     /// All frames on one surface, each from where it lay; lost ones from their neighbors, or anywhere.
@@ -281,6 +268,26 @@ impl PaintedTracker {
     }
 }
 
+/// The placed frames that make a surface: as many as are needed, the ball turned between one and the next.
+pub(super) fn apart<'a>(
+    faces: &'a [Option<Face>],
+    laid: &[Option<Laid>],
+) -> Vec<(&'a Face, Rotation)> {
+    let mut apart: Vec<(&Face, Rotation)> = Vec::new();
+    for (face, laid) in faces.iter().zip(laid) {
+        let (Some(face), Some(laid)) = (face, laid) else {
+            continue;
+        };
+        let rotation = laid.rotation;
+        let is_apart = |last: &(&Face, Rotation)| rotation_angle(&last.1, &rotation) > TURNED;
+        if apart.last().is_none_or(is_apart) {
+            apart.push((face, rotation));
+        }
+    }
+    let stride = apart.len().div_ceil(VIEWS).max(1);
+    apart.into_iter().step_by(stride).collect()
+}
+
 /// The middle of the agreements so far, of the frames after the first.
 fn middle(laid: &[Option<Laid>]) -> f64 {
     let mut all: Vec<f64> = laid.iter().skip(1).flatten().map(|l| l.agreement).collect();
@@ -301,14 +308,14 @@ fn asked(laid: &[Option<Laid>]) -> Vec<usize> {
     placed.into_iter().step_by(stride).collect()
 }
 
-/// Where the next frame may lie: where the last turn leads, and as the last one.
-fn starts(laid: &[Option<Laid>]) -> impl Iterator<Item = Rotation> {
-    let at = |back: usize| {
-        let k = laid.len().checked_sub(back)?;
-        laid[k].as_ref().map(|l| l.rotation)
-    };
-    let ahead = at(1).zip(at(2)).map(|(one, two)| one * two.inverse() * one);
-    ahead.into_iter().chain(at(1))
+/// Where a frame may lie beside others, the nearest first: where their turn leads, and as the nearest one.
+pub(super) fn starts<'a>(
+    mut beside: impl Iterator<Item = &'a Option<Laid>>,
+) -> impl Iterator<Item = Rotation> {
+    let mut next = || Some(beside.next()?.as_ref()?.rotation);
+    let (one, two) = (next(), next());
+    let ahead = one.zip(two).map(|(one, two)| one * two.inverse() * one);
+    ahead.into_iter().chain(one)
 }
 
 fn poses(clip: &Clip<'_>, laid: &[Option<Laid>]) -> PaintedPoses {

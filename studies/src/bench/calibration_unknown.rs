@@ -10,11 +10,14 @@
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
-use spindoe::calibrate::{CalibrationConfig, SurfaceObserver, build_pattern, calibrate, confirmed};
-use spindoe::geometry::{angle_between, spiral_directions};
+use spindoe::calibrate::{
+    BuiltPattern, CalibrationConfig, MarkPlace, SurfaceObserver, build_pattern, calibrate,
+    confirmed,
+};
+use spindoe::geometry::{Vec3, angle_between, spiral_directions};
 use spindoe::synth::SynthConfig;
 use spindoe::validate::Proportion;
-use spindoe::vision::albedo::AlbedoMaker;
+use spindoe::vision::painted::PaintedFrame;
 use spindoe::vision::{FrameEstimate, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 use spindoe_studies::Outcome;
@@ -51,6 +54,8 @@ struct Judged {
     shown: f64,
     shows_dots: bool,
     built: Built,
+    /// How far the places are off that the surface gives for sure, degrees.
+    places_deg: Vec<f64>,
 }
 
 /// What is asked for.
@@ -143,6 +148,21 @@ impl Args {
             Proportion::new(count(&|c| c.built.is_whole()), self.clips)
         );
         println!("wrong, of all: {}", Proportion::new(wrong, self.clips));
+        let mut off: Vec<f64> = judged.iter().flat_map(|c| c.places_deg.clone()).collect();
+        off.sort_by(f64::total_cmp);
+        let at = |q: f64| spindoe::stats::quantile(&off, q);
+        if !off.is_empty() {
+            println!(
+                "places that the surface gives: median {:.2}, 95 % below {:.2}, worst {:.2} deg; beyond 1 deg: {}",
+                at(0.5),
+                at(0.95),
+                at(1.0),
+                Proportion::new(
+                    off.iter().filter(|o| **o > 1.0).count() as u64,
+                    off.len() as u64
+                )
+            );
+        }
         Ok(())
     }
 }
@@ -153,8 +173,7 @@ fn one(looks: &SynthConfig, habits: Habits, seed: u64, k: u64, counted: bool) ->
     let detecting = estimator(&stand_in)?;
     let mut workspace = detecting.workspace();
     let mut estimates = Vec::with_capacity(clip.frames());
-    let mut albedos = Vec::with_capacity(clip.frames());
-    let maker = AlbedoMaker::default();
+    let mut taken = Vec::with_capacity(clip.frames());
     let shown = clip.show(|seen| {
         let mut found = FrameEstimate::default();
         let budget = SurfaceObserver::budget();
@@ -165,21 +184,24 @@ fn one(looks: &SynthConfig, habits: Habits, seed: u64, k: u64, counted: bool) ->
             &mut workspace,
             &mut found,
         );
-        let outline = found.outline.map(|o| o.circle);
-        let albedo = outline.map(|circle| maker.take(&seen.image.to_gray(), &circle));
-        albedos.push(albedo.unwrap_or_default());
+        let shown = found
+            .outline
+            .map(|o| PaintedFrame::take(&seen.image.to_gray(), &o));
+        taken.push(shown.unwrap_or_default());
         estimates.push(found);
     })?;
     let visible = shown.hidden.iter().filter(|h| !**h).count();
     let config = CalibrationConfig::default();
+    let mut places = Vec::new();
     let built = match build_pattern(
         &estimates,
-        Some(&albedos),
+        Some(&taken),
         counted.then_some(visible),
         &config,
     )? {
         Err(rejection) => Built::Rejected(rejection.to_string()),
         Ok(built) => {
+            places = places_deg(&built, &clip.truth)?;
             let estimator = estimator(&built.pattern)?;
             let mut workspace = estimator.workspace();
             let mut frames = Vec::with_capacity(clip.frames());
@@ -207,11 +229,12 @@ fn one(looks: &SynthConfig, habits: Habits, seed: u64, k: u64, counted: bool) ->
         shown: shown.share,
         shows_dots: shown.all_dots,
         built,
+        places_deg: places,
     })
 }
 
-/// The built dots, named by the true ones.
-fn judged(built: &Pattern, truth: &Pattern, hidden: &[bool]) -> Outcome<Built> {
+/// Where the dots of a built pattern are in truth and which of the true ones they are; `None` for those that are none.
+fn named(built: &Pattern, truth: &Pattern) -> Outcome<Option<Vec<Option<(usize, Vec3)>>>> {
     let view = ViewModel {
         visibility_limit: -0.99,
         ..ViewModel::default()
@@ -226,29 +249,36 @@ fn judged(built: &Pattern, truth: &Pattern, hidden: &[bool]) -> Outcome<Built> {
         })
         .collect();
     let Ok(found) = recognizer.identify(&observed, &mut recognizer.workspace()) else {
+        return Ok(None);
+    };
+    let expected = |name: &Option<u16>| {
+        let j = usize::from((*name)?);
+        Some((j, found.rotation * truth.dots()[j]))
+    };
+    Ok(Some(found.assignment.iter().map(expected).collect()))
+}
+
+/// How far the places are off that the surface gives for sure, degrees.
+fn places_deg(built: &BuiltPattern, truth: &Pattern) -> Outcome<Vec<f64>> {
+    let named = named(&built.pattern, truth)?.unwrap_or_default();
+    let off = |(place, expected): (&Option<MarkPlace>, Option<(usize, Vec3)>)| {
+        let place = place.filter(|p| p.is_sure)?;
+        Some(angle_between(&place.direction, &expected?.1).to_degrees())
+    };
+    Ok(built.places.iter().zip(named).filter_map(off).collect())
+}
+
+/// A pattern against the true one.
+fn judged(built: &Pattern, truth: &Pattern, hidden: &[bool]) -> Outcome<Built> {
+    let Some(named) = named(built, truth)? else {
         return Ok(Built::Rejected("not the ball's dots".to_owned()));
     };
-    let mut worst: f64 = 0.0;
-    let mut invented = 0;
-    for (dot, name) in built.dots().iter().zip(&found.assignment) {
-        match name {
-            Some(name) => {
-                let expected = found.rotation * truth.dots()[usize::from(*name)];
-                worst = worst.max(angle_between(dot, &expected).to_degrees());
-            }
-            None => invented += 1,
-        }
-    }
-    let named: Vec<usize> = found
-        .assignment
-        .iter()
-        .flatten()
-        .map(|n| usize::from(*n))
-        .collect();
-    let missed = (0..truth.len()).filter(|j| !hidden[*j] && !named.contains(j));
+    let errors = built.dots().iter().zip(&named);
+    let errors = errors.filter_map(|(dot, found)| Some(angle_between(dot, &found.as_ref()?.1)));
+    let is_missed = |j: &usize| !hidden[*j] && !named.iter().flatten().any(|n| n.0 == *j);
     Ok(Built::Pattern {
-        missed: missed.count(),
-        invented,
-        worst_deg: worst,
+        missed: (0..truth.len()).filter(is_missed).count(),
+        invented: named.iter().filter(|n| n.is_none()).count(),
+        worst_deg: errors.fold(0.0, f64::max).to_degrees(),
     })
 }

@@ -1,5 +1,6 @@
 //! A pattern from a clip alone.
 
+use nalgebra::Matrix3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::calibrate::live::LiveClip;
@@ -10,11 +11,10 @@ use spindoe::geometry::{Rotation, Vec3, angle_between, spiral_directions};
 use spindoe::image::{Picture, RawPixel, RgbImage};
 use spindoe::synth::pen::Spot;
 use spindoe::synth::{Scene, SynthConfig};
-use spindoe::vision::albedo::map::{AlbedoMap, PosedAlbedo};
-use spindoe::vision::albedo::{Albedo, AlbedoMaker};
 use spindoe::vision::camera::BallView;
 use spindoe::vision::estimator::{BatchConfig, BatchObserver};
-use spindoe::vision::{DetectorName, FrameEstimate, NamedDetector, Prior};
+use spindoe::vision::painted::{MappedFrame, PaintMapper, PaintedFrame};
+use spindoe::vision::{DetectorName, FrameEstimate, NamedDetector, Outline, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 use spindoe::{Estimator, EstimatorConfig};
 
@@ -173,17 +173,20 @@ fn detecting() -> Estimator<NamedDetector> {
 }
 
 /// The frames of such pictures, and what they show of the ball's surface.
-fn filmed(truth: &Pattern, print: &[Spot], axes: &[Vec3]) -> (Vec<FrameEstimate>, Vec<Albedo>) {
+fn filmed(
+    truth: &Pattern,
+    print: &[Spot],
+    axes: &[Vec3],
+) -> (Vec<FrameEstimate>, Vec<PaintedFrame>) {
     let estimator = detecting();
     let mut workspace = estimator.workspace();
     let settings = SurfaceObserver::settings(BatchConfig::default());
-    let observer = SurfaceObserver::default();
     let seen = pictures(truth, print, axes).into_iter().map(|(image, ..)| {
         let mut found = FrameEstimate::default();
         let prior = Prior::default();
         estimator.estimate(&image, &prior, &settings.budget, &mut workspace, &mut found);
-        let albedo = observer.keep(&image, &found).unwrap();
-        (found, albedo)
+        let shown = SurfaceObserver.keep(&image, &found).unwrap();
+        (found, shown)
     });
     seen.unzip()
 }
@@ -198,8 +201,8 @@ fn a_ball_is_built_from_what_its_frames_show_and_print_is_no_dot() {
     let truth = crate::common::random_pattern(14, 35);
     let axes = [Vec3::x(), Vec3::y()];
     let config = CalibrationConfig::default();
-    let (frames, albedos) = filmed(&truth, &[], &axes);
-    let found = build_pattern(&frames, Some(&albedos), None, &config).unwrap();
+    let (frames, shown) = filmed(&truth, &[], &axes);
+    let found = build_pattern(&frames, Some(&shown), None, &config).unwrap();
     let built = found
         .unwrap_or_else(|rejection| panic!("{rejection}"))
         .pattern;
@@ -213,24 +216,24 @@ fn a_ball_is_built_from_what_its_frames_show_and_print_is_no_dot() {
     // A bar as long as three dots: a pattern without it, or none.
     let apart = |v: &Vec3| truth.dots().iter().all(|d| angle_between(d, v) > 0.5);
     let free = spiral_directions(500).find(apart).unwrap();
-    let (frames, albedos) = filmed(&truth, &[mark(free, 0.12, 0.7)], &axes);
-    let found = build_pattern(&frames, Some(&albedos), None, &config).unwrap();
+    let (frames, shown) = filmed(&truth, &[mark(free, 0.12, 0.7)], &axes);
+    let found = build_pattern(&frames, Some(&shown), None, &config).unwrap();
     if let Ok(built) = &found {
         assert_eq!(built.pattern.len(), truth.len(), "the bar is a dot");
     }
 
     // Seen from the sides of one axis only, both ends of which stay in sight.
-    let (frames, albedos) = filmed(&truth, &[], &[Vec3::z()]);
-    let found = build_pattern(&frames, Some(&albedos), None, &config).unwrap();
+    let (frames, shown) = filmed(&truth, &[], &[Vec3::z()]);
+    let found = build_pattern(&frames, Some(&shown), None, &config).unwrap();
     assert!(found.is_err(), "{found:?}");
 }
 
 #[test]
 fn what_a_clip_does_not_show_is_pointed_out() {
     let truth = crate::common::random_pattern(14, 35);
-    let (frames, albedos) = filmed(&truth, &[], &[Vec3::y()]);
+    let (frames, shown) = filmed(&truth, &[], &[Vec3::y()]);
     let config = CalibrationConfig::default();
-    let found = survey(&frames, &albedos, None, &config).unwrap();
+    let found = survey(&frames, &shown, None, &config).unwrap();
     assert!(found.pattern.is_err(), "{found:?}");
     assert!(found.placed == frames.len(), "{found:?}");
     // About the vertical axis only the poles stay hidden: places nearer to one than asin(0.1), as views show from a depth of 0.1 on, or
@@ -293,44 +296,55 @@ fn a_clip_that_grows_ends_when_it_shows_the_whole_ball() {
 
 #[test]
 fn frames_are_laid_on_the_surface_by_their_pixels() {
-    // All of a ball but every seventh frame, which begins 4 degrees off.
+    // Every fifth frame is left out, so that turns are uneven: where the last one leads is 8 degrees off in two of four frames. Of
+    // the others every seventh is not placed, and neither are the last three.
     let truth = crate::common::random_pattern(14, 35);
-    let maker = AlbedoMaker::default();
-    let shown: Vec<(Albedo, BallView, Rotation)> = pictures(&truth, &[], &[Vec3::x(), Vec3::y()])
-        .into_iter()
-        .map(|(image, view, rotation)| {
-            (maker.take(&image.to_gray(), view.circle()), view, rotation)
+    let shown: Vec<(PaintedFrame, BallView, Rotation)> =
+        pictures(&truth, &[], &[Vec3::x(), Vec3::y()])
+            .into_iter()
+            .enumerate()
+            .filter(|(k, _)| k % 5 != 0)
+            .map(|(_, (image, view, rotation))| {
+                let outline = Outline::given(*view.circle(), Matrix3::zeros());
+                let paint = PaintedFrame::take(&image.to_gray(), &outline);
+                (paint, view, rotation)
+            })
+            .collect();
+    let is_open = |k: usize| k.is_multiple_of(7) || k + 3 >= shown.len();
+    let mut frames: Vec<MappedFrame<'_>> = shown
+        .iter()
+        .enumerate()
+        .map(|(k, (paint, view, rotation))| MappedFrame {
+            paint,
+            view: *view,
+            rotation: (!is_open(k)).then_some(*rotation),
         })
         .collect();
-    let posed = |(albedo, view, rotation): &'static (Albedo, BallView, Rotation)| PosedAlbedo {
-        albedo,
-        view: *view,
-        rotation: *rotation,
-    };
-    let shown: &'static [_] = shown.leak();
-    let kept: Vec<PosedAlbedo<'_>> = (0..shown.len())
-        .filter(|k| k % 7 != 0)
-        .map(|k| posed(&shown[k]))
-        .collect();
-    let map = AlbedoMap::new(&kept).unwrap();
-    let mut errors: Vec<f64> = Vec::new();
-    let mut nearer = 0;
-    for k in (0..shown.len()).step_by(7) {
-        let mut frame = posed(&shown[k]);
-        let axis = spiral_directions(shown.len()).nth(k).unwrap();
-        let off = Rotation::from_scaled_axis(axis * 4f64.to_radians());
-        frame.rotation *= off;
-        let before = map.agreement(&frame);
-        frame.rotation = map.align(&frame).unwrap();
-        nearer += usize::from(map.agreement(&frame) > before);
-        errors.push(frame.rotation.angle_to(&shown[k].2).to_degrees());
-    }
+    let map = PaintMapper::default().map(&mut frames);
+    let open = (0..shown.len()).filter(|k| is_open(*k));
+    let laid = open.clone().filter_map(|k| {
+        let rotation = frames[k].rotation?;
+        Some(rotation.angle_to(&shown[k].2).to_degrees())
+    });
+    let mut errors: Vec<f64> = laid.collect();
+    assert!(4 * errors.len() >= 3 * open.count(), "{errors:?}");
     errors.sort_by(f64::total_cmp);
-    // The edges of dots reach no farther than their radius: a frame may be lost, and its agreement says so.
-    assert!(
-        4 * nearer >= 3 * errors.len(),
-        "{nearer} of {}: {errors:?}",
-        errors.len()
-    );
-    assert!(errors[errors.len() / 2] < 1.0, "{errors:?}");
+    assert!(errors[errors.len() * 9 / 10] < 1.0, "{errors:?}");
+    // What is placed stays.
+    let kept = (0..shown.len()).filter(|k| !is_open(*k));
+    assert!(kept.clone().all(|k| frames[k].rotation == Some(shown[k].2)));
+    // The map shows the dots, dark, and the bare ball.
+    let value = |at: &Vec3| {
+        let near = map.directions().iter().enumerate();
+        let nearest = near.max_by(|a, b| a.1.dot(at).total_cmp(&b.1.dot(at)));
+        let (k, _) = nearest.unwrap();
+        (map.values()[k], map.views()[k])
+    };
+    let dots: Vec<(f32, u32)> = truth.dots().iter().map(value).collect();
+    let seen = || dots.iter().filter(|(_, views)| *views >= 3);
+    assert!(seen().count() > 10, "{dots:?}");
+    assert!(seen().all(|(dark, _)| *dark < -0.2), "{dots:?}");
+    let mut all = map.values().to_vec();
+    all.sort_by(f32::total_cmp);
+    assert!(all[all.len() / 2].abs() < 0.03);
 }
