@@ -233,8 +233,15 @@ fn one(looks: &SynthConfig, habits: Habits, seed: u64, k: u64, counted: bool) ->
     })
 }
 
-/// Where the dots of a built pattern are in truth and which of the true ones they are; `None` for those that are none.
-fn named(built: &Pattern, truth: &Pattern) -> Outcome<Option<Vec<Option<(usize, Vec3)>>>> {
+/// A dot of the ball.
+struct TrueDot {
+    number: usize,
+    /// In the frame of the built pattern.
+    direction: Vec3,
+}
+
+/// Which of the true dots those of a built pattern are, `None` for those that are none; empty where nothing fits.
+fn named(built: &Pattern, truth: &Pattern) -> Outcome<Vec<Option<TrueDot>>> {
     let view = ViewModel {
         visibility_limit: -0.99,
         ..ViewModel::default()
@@ -249,33 +256,36 @@ fn named(built: &Pattern, truth: &Pattern) -> Outcome<Option<Vec<Option<(usize, 
         })
         .collect();
     let Ok(found) = recognizer.identify(&observed, &mut recognizer.workspace()) else {
-        return Ok(None);
+        return Ok(Vec::new());
     };
     let expected = |name: &Option<u16>| {
-        let j = usize::from((*name)?);
-        Some((j, found.rotation * truth.dots()[j]))
+        let number = usize::from((*name)?);
+        let direction = found.rotation * truth.dots()[number];
+        Some(TrueDot { number, direction })
     };
-    Ok(Some(found.assignment.iter().map(expected).collect()))
+    Ok(found.assignment.iter().map(expected).collect())
 }
 
 /// How far the places are off that the surface gives for sure, degrees.
 fn places_deg(built: &BuiltPattern, truth: &Pattern) -> Outcome<Vec<f64>> {
-    let named = named(&built.pattern, truth)?.unwrap_or_default();
-    let off = |(place, expected): (&Option<MarkPlace>, Option<(usize, Vec3)>)| {
+    let named = named(&built.pattern, truth)?;
+    let off = |(place, expected): (&Option<MarkPlace>, Option<TrueDot>)| {
         let place = place.filter(|p| p.is_sure)?;
-        Some(angle_between(&place.direction, &expected?.1).to_degrees())
+        Some(angle_between(&place.direction, &expected?.direction).to_degrees())
     };
     Ok(built.places.iter().zip(named).filter_map(off).collect())
 }
 
 /// A pattern against the true one.
 fn judged(built: &Pattern, truth: &Pattern, hidden: &[bool]) -> Outcome<Built> {
-    let Some(named) = named(built, truth)? else {
+    let named = named(built, truth)?;
+    if named.is_empty() {
         return Ok(Built::Rejected("not the ball's dots".to_owned()));
-    };
+    }
     let errors = built.dots().iter().zip(&named);
-    let errors = errors.filter_map(|(dot, found)| Some(angle_between(dot, &found.as_ref()?.1)));
-    let is_missed = |j: &usize| !hidden[*j] && !named.iter().flatten().any(|n| n.0 == *j);
+    let errors =
+        errors.filter_map(|(dot, found)| Some(angle_between(dot, &found.as_ref()?.direction)));
+    let is_missed = |j: &usize| !hidden[*j] && !named.iter().flatten().any(|n| n.number == *j);
     Ok(Built::Pattern {
         missed: (0..truth.len()).filter(is_missed).count(),
         invented: named.iter().filter(|n| n.is_none()).count(),
