@@ -183,7 +183,7 @@ pub fn median(values: &mut [f64]) -> f64 {
 
 /// The standard deviation of normal residuals by the median of their sizes, each counted by its weight: `[size, weight]`. 0 for none. Reorders
 /// its input.
-pub(crate) fn weighted_sigma(sizes: &mut [[f64; 2]]) -> f64 {
+pub fn weighted_sigma(sizes: &mut [[f64; 2]]) -> f64 {
     sizes.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
     let half = 0.5 * sizes.iter().map(|s| s[1]).sum::<f64>();
     let mut below = 0.0;
