@@ -20,7 +20,7 @@ use crate::vision::{Estimator, FrameEstimate, Prior};
 /// Frames before the first survey, and by how much the clip grows between two.
 const FIRST: usize = 30;
 const GROWTH: f64 = 1.25;
-/// The longest clip: two minutes at 30 frames a second, some 100 MB.
+/// The longest clip: two minutes at 30 frames a second, 60 MB of a ball of 100 pixels, 400 MB at most.
 pub const MAX_FRAMES: usize = 3600;
 
 /// A clip that grows.
