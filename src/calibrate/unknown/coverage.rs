@@ -149,15 +149,7 @@ impl Map<'_> {
 
     /// Share of the ball's surface that hardly any placed frame shows.
     fn blind(&self) -> f64 {
-        let faced = |place: &Vec3| {
-            let frames = self.frames.iter().zip(&self.placed);
-            let views = frames.filter(|(frame, placed)| {
-                placed
-                    .as_ref()
-                    .is_some_and(|p| frame.depth(&(p.rotation * place)) >= FACING)
-            });
-            views.take(MIN_VIEWS).count() == MIN_VIEWS
-        };
+        let faced = |place: &Vec3| self.facing(place, FACING).take(MIN_VIEWS).count() == MIN_VIEWS;
         let blind = spiral_directions(PLACES)
             .filter(|place| !faced(place))
             .count();

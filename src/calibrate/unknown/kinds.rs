@@ -192,7 +192,7 @@ impl Map<'_> {
     }
 
     /// The frames that a place faces by this depth or more, and where each has it.
-    fn facing(&self, place: &Vec3, depth: f64) -> impl Iterator<Item = (&Seen, Vec3)> {
+    pub(super) fn facing(&self, place: &Vec3, depth: f64) -> impl Iterator<Item = (&Seen, Vec3)> {
         let place = *place;
         let placed = self.frames.iter().zip(&self.placed);
         let seen = placed.filter_map(move |(f, p)| Some((f, p.as_ref()?.rotation * place)));

@@ -54,7 +54,7 @@ impl PaintMap {
                             *count = count.saturating_add(1);
                         }
                     }
-                    if sum(counts) >= facing.enough {
+                    if facing.least >= least || sum(counts) >= facing.enough {
                         break;
                     }
                     below = least;
