@@ -143,7 +143,8 @@ impl<D: DotDetector> LiveClip<D> {
         let times = Some(&self.times_s[..]);
         let found = calibrate(&built.pattern, &frames, times, &self.config)?;
         let found = found.map_err(|r| r.to_string());
-        let found = found.and_then(|c| confirmed(c, &built).map_err(|r| r.to_string()));
+        let found =
+            found.and_then(|c| confirmed(c, &built, &self.config).map_err(|r| r.to_string()));
         Ok(found.map(|_| LivePattern {
             built,
             frames,

@@ -1,14 +1,13 @@
 //! Whether a map is a pattern: most frames hang together, and they show the whole ball.
 
 use super::map::{Map, NEW_DEPTH};
-use super::marks::{MAX_SIGMA_RAD, MarkPlace, marks};
 use super::surface::Surface;
 use super::{BuiltPattern, MIN_VIEWS, UnknownRejection};
 use crate::calibrate::bundle::Bundle;
 use crate::calibrate::result::rms_sigma_rad;
 use crate::geometry::{Vec3, spiral_directions};
 use crate::pattern::{MIN_DOTS, Pattern};
-use crate::stats::median;
+use crate::vision::painted::PaintedFrame;
 
 /// Depth from which a view faces a place well enough for a dot there to be taken in.
 pub(super) const FACING: f64 = NEW_DEPTH;
@@ -25,8 +24,9 @@ const MAX_BLIND: f64 = 0.03;
 const MAX_BLIND_COUNTED: f64 = 0.15;
 /// A dot shows where a view shows the surface so near its middle, radii.
 const SHOWS: f64 = 0.7;
-/// Fits once the dots are known.
-const LAST_ROUNDS: usize = 2;
+/// Largest standard deviation of a dot's place by the detections, radians. Dots that only the limb shows have more, and the outline's error shifts
+/// them farther.
+const MAX_SIGMA_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 
 impl Map<'_> {
     /// Whether most frames hang together and agree with the map.
@@ -52,20 +52,25 @@ impl Map<'_> {
     pub fn finish(
         &mut self,
         surface: &Surface,
+        shown: &[&PaintedFrame],
         expected: Option<usize>,
     ) -> std::result::Result<BuiltPattern, UnknownRejection> {
-        let marks = marks(surface);
-        let discs = marks.iter().filter(|m| m.is_disc());
-        let mut radii: Vec<f64> = discs.map(|m| m.radius).collect();
-        let blind = surface.unseen(SHOWS * median(&mut radii));
-        let places = self.keep_dots(&marks, surface, blind, expected)?;
-        let mut fitted = self.fit();
-        for _ in 0..LAST_ROUNDS {
-            self.rename();
-            fitted = self.fit();
-        }
-        let names: Vec<usize> = (0..self.dots.len()).collect();
-        self.pattern_of(&names, &fitted, blind, places)
+        let (marks, radius) = self.marks(surface);
+        let blind = surface.unseen(SHOWS * radius);
+        let contrasts = self.contrasts(shown, &marks);
+        let radii = self.keep_dots((&marks, &contrasts), surface, blind, expected)?;
+        self.fit();
+        self.rename();
+        let found = self.dots.len();
+        let landmarks = self
+            .fit_to_pixels(shown, &radii)
+            .ok_or(UnknownRejection::NotCovered { blind })?;
+        let directions = landmarks.iter().map(|l| l.direction).collect();
+        Ok(BuiltPattern {
+            pattern: Pattern::new(directions).map_err(|_| UnknownRejection::NoPattern { found })?,
+            sigmas_rad: landmarks.iter().map(|l| Some(l.known_to())).collect(),
+            blind,
+        })
     }
 
     /// The same where nothing is known of the surface.
@@ -87,17 +92,15 @@ impl Map<'_> {
         if let Some(expected) = expected.filter(|n| *n != found) {
             return Err(UnknownRejection::WrongNumber { expected, found });
         }
-        let places = vec![None; names.len()];
-        self.pattern_of(&names, &fitted, blind, places)
+        self.pattern_of(&names, &fitted, blind)
     }
 
-    /// These dots as a pattern, where the places of all are known well.
+    /// These dots as a pattern, where the detections fix the places of all.
     fn pattern_of(
         &mut self,
         names: &[usize],
         fitted: &Bundle,
         blind: f64,
-        places: Vec<Option<MarkPlace>>,
     ) -> std::result::Result<BuiltPattern, UnknownRejection> {
         let found = names.len();
         if found < MIN_DOTS {
@@ -106,28 +109,21 @@ impl Map<'_> {
         let fits = fitted
             .dot_fits()
             .ok_or(UnknownRejection::NotCovered { blind })?;
-        let mut directions = Vec::with_capacity(found);
-        let mut rough: Vec<(Vec3, f64)> = Vec::new();
-        for (&j, place) in names.iter().zip(&places) {
-            let (direction, sigma) = (self.dots[j].direction, rms_sigma_rad(&fits[j].covariance));
-            match place.filter(|p| p.is_sure) {
-                Some(place) if !place.agrees(&direction, sigma) => directions.push(place.direction),
-                None if sigma > MAX_SIGMA_RAD => rough.push((direction, sigma)),
-                _ => directions.push(direction),
-            }
-        }
-        if let Some((direction, _)) = rough.first() {
-            self.lacking = Some(*direction);
+        let sigma = |j: &usize| rms_sigma_rad(&fits[*j].covariance);
+        let rough = || names.iter().filter(|j| sigma(j) > MAX_SIGMA_RAD);
+        if let Some(&first) = rough().next() {
+            self.lacking = Some(self.dots[first].direction);
             return Err(UnknownRejection::AtTheLimb {
-                dots: rough.len(),
-                sigma_rad: rough.iter().map(|r| r.1).fold(0.0, f64::max),
+                dots: rough().count(),
+                sigma_rad: rough().map(sigma).fold(0.0, f64::max),
             });
         }
+        let directions = names.iter().map(|&j| self.dots[j].direction).collect();
         let pattern =
             Pattern::new(directions).map_err(|_| UnknownRejection::NoPattern { found })?;
         Ok(BuiltPattern {
             pattern,
-            places,
+            sigmas_rad: vec![None; found],
             blind,
         })
     }

@@ -3,11 +3,12 @@
 //! Two witnesses: the surface shows a steady disc, and the detector finds a dot there in the views that face it. Dots are of one pen:
 //! of one size and one darkness, within what a hand makes of it. On a ball without print a steady disc that many views show is a dot, and so is
 //! what the detector sees and the surface does not contradict; what neither shows is none, and between them a mark is *doubtful*. Where there is
-//! print, it may have discs too, and both must agree. A number of dots that is known decides for doubtful marks where all of them are needed,
-//! or none.
+//! print, it may have discs too: there the number of dots must be known, and so many must be clearly likelier dots to the detector than all else.
 
+use super::choice::{Candidate, Candidates};
+use super::contrast::Contrast;
 use super::map::{Map, MapDot};
-use super::marks::{FACED, Mark, MarkPlace};
+use super::marks::Mark;
 use super::seen::Seen;
 use super::surface::Surface;
 use super::tidy::FACING;
@@ -32,6 +33,13 @@ const BESIDE_PRINT: [[f64; 2]; 2] = [[0.6, 1.5], [0.4, 1.7]];
 /// balls (`bench calibration-unknown`, seeds 35100001 and with --guided 35300001, 20 clips each), all had 0.68 at most; dots that were
 /// not in the map had 0.73 or more.
 const STEADY: f64 = 0.7;
+/// A mark of no larger radius, over that of the middle disc, is one dot, whatever its shape.
+const SINGLE: f64 = 1.2;
+/// The contrast, over that of the middle dot, from which on a mark is dark in single frames, and from which on it may be; and the share of the
+/// frames that must show it.
+const CONTRAST: f64 = 0.25;
+const HARDLY_DARK: f64 = 0.12;
+const SHOWN: f64 = 0.7;
 /// The likeness, over that of the middle dot, up to which the detector sees no dot in a mark, from which on it sees one where nothing
 /// but dots is on the ball, and where there is print or the surface shows none. Chosen on 40 plain balls drawn by hand (`bench
 /// calibration-unknown --clips 40 --seed 35100001 --plain`): fingers and shadows had 0.04 at most, dots 0.15 or more but for the smallest.
@@ -39,9 +47,8 @@ const UNSEEN: f64 = 0.05;
 const SUSPECTED: f64 = 0.15;
 const SEEN: f64 = 0.4;
 /// Where the middle dot has a smaller likeness, the detector misses too many.
-const HARDLY: f64 = 0.5;
-/// Fewer views of the bare ball beside a dark thing before it may hide a dot.
-const BARE_VIEWS: f64 = 3.0;
+const HARDLY: f64 = 0.3;
+/// Fewer views do not tell.
 const FEW_VIEWS: usize = 8;
 /// Where all is less dark, over the middle dot, the surface is bare, whatever the detector saw in some frames.
 const BARE: f64 = 0.07;
@@ -53,22 +60,17 @@ const PRINT_LIKENESS: f64 = 0.2;
 const NEAR_PRINT: f64 = 0.3;
 /// Fewer discs that the detector finds too do not tell what a dot looks like.
 const MIN_TYPICAL: usize = 4;
-/// Largest expected number of dots where no view shows the bare surface.
-const MAX_HIDDEN: f64 = 0.03;
-
-/// A dot, and where the surface shows it.
-type KeptDot = (MapDot, Option<MarkPlace>);
-
 /// What a dot looks like.
 struct Typical {
     radius: f64,
     darkness: f64,
     likeness: f64,
+    contrast: f64,
 }
 
 /// What a mark is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+pub(super) enum Kind {
     Dot,
     Doubtful,
     /// It may be a dot, and hardly any view faces it.
@@ -79,6 +81,7 @@ enum Kind {
 /// A mark and what the detector sees there.
 struct Witnessed<'m> {
     mark: &'m Mark,
+    contrast: &'m Contrast,
     /// The dot of the map there.
     joined: Option<usize>,
     /// The mean probability of a dot over the views that the mark faces; `None` where there is none.
@@ -87,21 +90,29 @@ struct Witnessed<'m> {
     dots: usize,
 }
 
+impl Witnessed<'_> {
+    /// Whether enough frames show the mark to tell.
+    fn is_shown(&self) -> bool {
+        self.mark.views >= FEW_VIEWS && self.contrast.views >= FEW_VIEWS
+    }
+}
+
 impl Map<'_> {
-    /// Makes the dots among the marks the map's only ones, and says where the surface shows each, if it does well. `blind` is the share of
-    /// the surface that no view shows.
+    /// Makes the dots among the marks the map's only ones, and says how large each is, radians. `blind` is the share of the surface that no view
+    /// shows.
     pub fn keep_dots(
         &mut self,
-        marks: &[Mark],
+        (marks, contrasts): (&[Mark], &[Contrast]),
         surface: &Surface,
         blind: f64,
         expected: Option<usize>,
-    ) -> std::result::Result<Vec<Option<MarkPlace>>, UnknownRejection> {
-        let witnessed: Vec<Witnessed<'_>> = marks
-            .iter()
-            .map(|mark| Witnessed {
+    ) -> std::result::Result<Vec<f64>, UnknownRejection> {
+        let joined = self.at_marks(marks);
+        let witnessed: Vec<Witnessed<'_>> = (marks.iter().zip(contrasts).zip(joined))
+            .map(|((mark, contrast), joined)| Witnessed {
                 mark,
-                joined: self.at_mark(mark),
+                contrast,
+                joined,
                 likeness: self.likeness(&mark.direction),
                 dots: self.within_mark(mark),
             })
@@ -116,18 +127,18 @@ impl Map<'_> {
             .filter(|w| typical.is_print(w))
             .map(|w| w.mark.direction)
             .collect();
-        let mut dots: Vec<(KeptDot, Kind)> = Vec::new();
-        let (mut hidden, mut covered) = (0.0, None);
+        let mut dots: Vec<Candidate> = Vec::new();
         for seen in &witnessed {
             let kind = typical.kind(seen, &print);
-            if kind == Kind::Other && typical.hides(seen.mark) {
-                hidden += 0.25 * seen.mark.radius.powi(2);
-                covered = covered.or(Some(seen.mark.direction));
-            }
             let known = seen.joined.map(|j| self.dots[j]);
-            let dot = known.unwrap_or_else(|| new_dot(&seen.mark.direction));
-            let facing = self.facing(&seen.mark.direction, FACED).count();
-            dots.push(((dot, Some(seen.mark.place(facing))), kind));
+            let likeness = typical.likeness(seen).unwrap_or(0.0);
+            let is_disc = !seen.mark.is_no_disc();
+            dots.push(Candidate {
+                dot: known.unwrap_or_else(|| new_dot(&seen.mark.direction)),
+                radius: seen.mark.radius,
+                likeness: if is_disc { likeness } else { 0.5 * likeness },
+                kind,
+            });
         }
         // What the detector sees and the surface does not show.
         for j in self.established() {
@@ -141,40 +152,30 @@ impl Map<'_> {
                     () if !is_seen && surface.is_bare(&at, BARE * typical.darkness) => Kind::Other,
                     () => Kind::Doubtful,
                 };
-                dots.push(((self.dots[j], None), kind));
+                dots.push(Candidate {
+                    dot: self.dots[j],
+                    radius: typical.radius,
+                    likeness: self.likeness(&at).unwrap_or(0.0) / typical.likeness,
+                    kind,
+                });
             }
         }
-        let of = |kind: Kind| dots.iter().filter(move |d| d.1 == kind).map(|d| d.0);
-        let away = of(Kind::TurnedAway).count();
-        if let Some(((dot, _), _)) = dots.iter().find(|d| d.1 == Kind::TurnedAway) {
-            self.lacking = Some(dot.direction);
-            return Err(UnknownRejection::TurnedAway { dots: away });
-        }
-        if hidden > blind {
-            self.lacking = covered;
-        }
-        let blind = blind + hidden;
-        if blind * of(Kind::Dot).count() as f64 > MAX_HIDDEN {
-            return Err(UnknownRejection::NotCovered { blind });
-        }
-        let (sure, doubtful) = (of(Kind::Dot).count(), of(Kind::Doubtful).count());
-        let mut kept: Vec<KeptDot> = of(Kind::Dot).collect();
-        match expected {
-            Some(expected) if expected == sure => {}
-            // Of discs beside print some are print, and nothing tells which.
-            None if !print.is_empty() => return Err(UnknownRejection::Printed { sure, doubtful }),
-            None if doubtful == 0 => {}
-            Some(expected) if expected == sure + doubtful => kept.extend(of(Kind::Doubtful)),
-            Some(expected) if expected < sure || expected > sure + doubtful => {
-                let found = sure + doubtful;
-                return Err(UnknownRejection::WrongNumber { expected, found });
-            }
-            _ => return Err(UnknownRejection::Doubtful { sure, doubtful }),
-        }
-        let places = kept.iter().map(|(_, place)| *place).collect();
-        self.dots = kept.into_iter().map(|(dot, _)| dot).collect();
+        let candidates = Candidates {
+            dots,
+            radius: typical.radius,
+            darkness: typical.darkness,
+            is_printed: !print.is_empty(),
+        };
+        let kept = candidates
+            .dots(surface, blind, expected)
+            .map_err(|unclear| {
+                self.lacking = unclear.lacking.or(self.lacking);
+                unclear.rejection
+            })?;
+        let radii = kept.iter().map(|c| c.radius).collect();
+        self.dots = kept.into_iter().map(|c| c.dot).collect();
         self.rename();
-        Ok(places)
+        Ok(radii)
     }
 
     /// The mean, over the views that a place faces, of the probability of a dot there; `None` where there is none.
@@ -199,6 +200,20 @@ impl Map<'_> {
         seen.filter(move |(frame, at)| frame.depth(at) >= depth)
     }
 
+    /// The dots of the map at these marks, each at the nearest of them.
+    fn at_marks(&self, marks: &[Mark]) -> Vec<Option<usize>> {
+        let mut joined: Vec<Option<usize>> = marks.iter().map(|m| self.at_mark(m)).collect();
+        let off = |m: usize, j: usize| angle_between(&marks[m].direction, &self.dots[j].direction);
+        for m in 0..marks.len() {
+            let is_nearer = |j: usize| {
+                let others = (0..marks.len()).filter(|o| *o != m && joined[*o] == Some(j));
+                others.map(|o| off(o, j)).any(|other| other < off(m, j))
+            };
+            joined[m] = joined[m].filter(|j| !is_nearer(*j));
+        }
+        joined
+    }
+
     /// The dot of the map at a mark.
     fn at_mark(&self, mark: &Mark) -> Option<usize> {
         let within = SAME[0].max(SAME[1] * mark.radius);
@@ -209,7 +224,7 @@ impl Map<'_> {
     }
 
     /// How many dots of the map lie in a mark, or so near it that it may be several that run into one.
-    fn within_mark(&self, mark: &Mark) -> usize {
+    pub(super) fn within_mark(&self, mark: &Mark) -> usize {
         let within = WITHIN[0] * mark.radius * mark.shape.elongation.sqrt() + WITHIN[1];
         let near = self.established().into_iter();
         near.filter(|j| angle_between(&self.dots[*j].direction, &mark.direction) < within)
@@ -248,6 +263,7 @@ fn typical(witnessed: &[Witnessed<'_>]) -> Option<Typical> {
         radius: middle(|w| w.mark.radius),
         darkness: middle(|w| w.mark.darkness),
         likeness: middle(|w| w.likeness.unwrap_or(0.0)),
+        contrast: middle(|w| w.contrast.middle),
     })
 }
 
@@ -257,17 +273,16 @@ impl Typical {
         Some(seen.likeness? / self.likeness)
     }
 
+    /// Whether the frames show a mark, by so much over the middle dot.
+    fn shows(&self, seen: &Witnessed<'_>, contrast: f64) -> bool {
+        seen.contrast.steady >= SHOWN && seen.contrast.middle >= contrast * self.contrast
+    }
+
     fn is_print(&self, seen: &Witnessed<'_>) -> bool {
         let Witnessed { mark, .. } = seen;
         let is_dot = self.likeness(seen).is_none_or(|l| l >= PRINT_LIKENESS);
         let is_steady = mark.views >= FEW_VIEWS && mark.steady >= STEADY;
         is_steady && mark.is_drawn() && !is_dot && mark.darkness >= PRINT * self.darkness
-    }
-
-    /// Whether a mark that is no dot hides what is below it in nearly all views: a finger.
-    fn hides(&self, mark: &Mark) -> bool {
-        let bare = (1.0 - mark.steady) * mark.views as f64;
-        mark.views < FEW_VIEWS && bare < BARE_VIEWS && mark.darkness >= PRINT * self.darkness
     }
 
     /// Whether radius and darkness are those of a dot.
@@ -277,39 +292,61 @@ impl Typical {
     }
 
     fn kind(&self, seen: &Witnessed<'_>, print: &[Vec3]) -> Kind {
-        let Witnessed { mark, joined, .. } = seen;
         let likeness = self.likeness(seen).unwrap_or(0.0);
-        if mark.views < MIN_VIEWS {
-            let is_seen = likeness >= UNSEEN && mark.darkness >= FRINGE * self.darkness;
-            return match joined.is_some() || is_seen {
+        if seen.mark.views < MIN_VIEWS {
+            let is_seen = likeness >= UNSEEN && seen.mark.darkness >= FRINGE * self.darkness;
+            return match seen.joined.is_some() || is_seen {
                 true => Kind::TurnedAway,
                 false => Kind::Other,
             };
         }
-        let is_steady = mark.steady >= STEADY;
-        let is_shown = mark.views >= FEW_VIEWS;
-        // What many views show, most of them not, and no dot of the map, a hand has left.
-        if joined.is_none() && is_shown && !is_steady && likeness < SEEN {
-            return Kind::Other;
+        match print.is_empty() {
+            true => self.kind_alone(seen, likeness),
+            false => self.kind_beside_print(seen, likeness, print),
         }
-        if print.is_empty() {
-            let is_sized = self.is_sized(mark, ALONE);
-            let is_like = mark.is_disc() && is_sized && is_steady;
-            let may_be_disc = is_sized && !mark.is_no_disc();
-            // Seen from the side alone a dot is long, and so are two that run into one.
-            let is_long = mark.is_long_dot() && seen.dots == 1;
-            let is_faint = mark.darkness < ALONE[1][0] * self.darkness;
-            return match likeness {
-                _ if is_faint && joined.is_none() => Kind::Other,
-                // Nothing else is steady on a ball without print, whatever the detector sees.
-                _ if may_be_disc && is_steady && is_shown => Kind::Dot,
-                l if l >= SUSPECTED && may_be_disc && (joined.is_some() || is_shown) => Kind::Dot,
-                l if l >= SUSPECTED && is_sized && is_long => Kind::Dot,
-                l if l >= SUSPECTED => Kind::Doubtful,
-                l if l >= UNSEEN && is_like => Kind::Dot,
-                l if l >= UNSEEN => Kind::Doubtful,
-                _ => Kind::Other,
-            };
+    }
+
+    /// Where nothing but dots is on the ball.
+    fn kind_alone(&self, seen: &Witnessed<'_>, likeness: f64) -> Kind {
+        let Witnessed { mark, joined, .. } = seen;
+        let is_known = joined.is_some();
+        let is_shown = seen.is_shown();
+        let is_sized = self.is_sized(mark, ALONE);
+        let may_be_disc = is_sized && !mark.is_no_disc();
+        // What the detector hardly sees must be one.
+        let is_like = is_sized && mark.is_disc();
+        // A few frames confirm what the detector has found.
+        let is_told = is_shown || is_known && seen.contrast.views >= MIN_VIEWS;
+        let is_dark = |contrast| is_told && self.shows(seen, contrast);
+        // Two that run into one are larger.
+        let is_single = is_sized && mark.radius <= SINGLE * self.radius;
+        // Seen from the side alone a dot is long, and so are two that run into one.
+        let is_long = mark.is_long_dot() && seen.dots == 1;
+        let is_faint = mark.darkness < ALONE[1][0] * self.darkness;
+        match likeness {
+            _ if is_faint && !is_known => Kind::Other,
+            // Nothing else is dark in all frames of a ball without print, whatever the detector sees.
+            _ if is_like && is_dark(CONTRAST) => Kind::Dot,
+            _ if is_known && (may_be_disc || is_single) && is_dark(CONTRAST) => Kind::Dot,
+            l if may_be_disc && l >= SUSPECTED && is_dark(CONTRAST) => Kind::Dot,
+            _ if may_be_disc && is_dark(HARDLY_DARK) => Kind::Doubtful,
+            // What many views show, most of them not, and no dot of the map, a hand has left.
+            l if l < SEEN && !is_known && is_shown => Kind::Other,
+            l if l >= SUSPECTED && may_be_disc && (is_known || is_shown) => Kind::Dot,
+            l if l >= SUSPECTED && is_sized && is_long => Kind::Dot,
+            l if l >= SUSPECTED => Kind::Doubtful,
+            l if l >= UNSEEN && is_like && mark.steady >= STEADY => Kind::Dot,
+            l if l >= UNSEEN || is_known => Kind::Doubtful,
+            _ => Kind::Other,
+        }
+    }
+
+    fn kind_beside_print(&self, seen: &Witnessed<'_>, likeness: f64, print: &[Vec3]) -> Kind {
+        let Witnessed { mark, joined, .. } = seen;
+        let is_steady = mark.steady >= STEADY;
+        // What many views show, most of them not, and no dot of the map, a hand has left.
+        if joined.is_none() && seen.is_shown() && !is_steady && likeness < SEEN {
+            return Kind::Other;
         }
         let is_apart = |p: &Vec3| angle_between(p, &mark.direction) > NEAR_PRINT;
         let is_like = mark.is_disc() && self.is_sized(mark, BESIDE_PRINT) && is_steady;

@@ -6,11 +6,11 @@
 use nalgebra::Matrix2;
 
 use super::surface::Surface;
-use crate::geometry::{Vec3, angle_between, tangent_frame};
+use crate::geometry::{Vec3, tangent_frame};
 
 /// The least darkness of a mark, over the bare ball's brightness and over the noise of a place.
-const LEAST: f32 = 0.015;
-const OVER_NOISE: f32 = 2.0;
+const LEAST: f32 = 0.008;
+const OVER_NOISE: f32 = 4.0;
 /// A mark's darkest place is the darkest so near, radians.
 const TOP: f64 = 0.075;
 /// Two tops are one where no place between them, each so near the next, radians, is brighter than this share of the lower.
@@ -31,27 +31,6 @@ const DISC: Shape = Shape {
 const NO_DISC: [f64; 2] = [2.0, 0.75];
 /// Dots that only the side shows are up to so long over their width; what is longer was two that run into one.
 const LONG: f64 = 2.5;
-/// Views that show where a mark is, those of them that it faces by this depth or more, and the standard deviation of its place then, radians.
-/// Of 80 discs with fewer that they face, one in eight lay more than a degree off, of 2 238 others one in fifty, nearly all of these in four clips
-/// whose frames are bent as a whole and which are refused (`bench calibration-unknown --plain`, seeds 35100001 and 35100002).
-const SURE_VIEWS: usize = 10;
-const SURE_FACING: usize = 5;
-pub(super) const FACED: f64 = 0.5;
-pub(super) const MARK_SIGMA_RAD: f64 = 0.4 * std::f64::consts::PI / 180.0;
-
-/// Largest standard deviation of a dot's place by the detections, radians. Dots that only the limb shows have more, and the
-/// outline's error shifts them farther.
-pub(super) const MAX_SIGMA_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// Surface and detections that are farther apart, radians, do not show the same dot: the surface does then.
-const AGREE_RAD: f64 = 1.0 * std::f64::consts::PI / 180.0;
-/// But the estimator, once it knows where the surface has the dot, is right where it knows the place to the first of these, radians, and wrong where
-/// it knows it no better than to the second; between them nothing is known. Of dots with more than a degree between the two, on 80 plain clips of
-/// `bench calibration-unknown`, it was right on the four that it stated to 0.09 to 0.18 deg (seed 35100002), and 1.4 to 1.8 deg off on the
-/// three that it stated to 0.20 to 0.37 (seed 35200001).
-const CERTAIN_RAD: [f64; 2] = [0.0026, 0.0044];
-/// Where nothing tells, the middle between the two is within a degree of whichever is right, while they are no farther apart than this, radians.
-const BETWEEN_RAD: f64 = 1.4 * std::f64::consts::PI / 180.0;
-
 /// How a mark looks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shape {
@@ -61,44 +40,6 @@ pub(super) struct Shape {
     pub solidity: f64,
     /// Mean darkness around it over its own.
     pub around: f64,
-}
-
-/// Where the surface shows a mark.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MarkPlace {
-    /// Its middle, in the pattern's frame.
-    pub direction: Vec3,
-    /// Whether that is known to within a degree. On balls that chose none of the rules 0.2 % [0.04, 1.2] of such places were farther off; the
-    /// median error was 0.17 degrees (`bench calibration-unknown --clips 40 --seed 35200004 --plain`; 1.4 % [0.7, 2.8] on 35200006).
-    pub is_sure: bool,
-}
-
-impl MarkPlace {
-    /// Whether it is next to where the detections have the dot.
-    pub(super) fn is_near(&self, direction: &Vec3) -> bool {
-        angle_between(&self.direction, direction) < AGREE_RAD
-    }
-
-    /// Whether the detections of a map know the dot's place well, and next to this one.
-    pub(super) fn agrees(&self, direction: &Vec3, sigma_rad: f64) -> bool {
-        sigma_rad <= MAX_SIGMA_RAD && self.is_near(direction)
-    }
-
-    /// The middle between this place and another one, where it is near enough to both.
-    pub(super) fn between(&self, direction: &Vec3) -> Option<Vec3> {
-        let is_near = angle_between(&self.direction, direction) <= BETWEEN_RAD;
-        is_near.then(|| (self.direction + direction).normalize())
-    }
-
-    /// Which of the two places a dot has that the estimator, which knew of this one, has found; `None` where nothing tells.
-    pub(super) fn or(&self, direction: &Vec3, sigma_rad: f64) -> Option<Vec3> {
-        let [certain, doubtful] = CERTAIN_RAD;
-        match sigma_rad {
-            s if s <= certain || self.agrees(direction, s) => Some(*direction),
-            s if s < doubtful => self.between(direction),
-            _ => Some(self.direction),
-        }
-    }
 }
 
 /// A dark mark.
@@ -130,31 +71,22 @@ impl Mark {
 
     /// Whether it is too long for a disc, or has gaps.
     pub fn is_drawn(&self) -> bool {
-        self.shape.elongation > DISC.elongation || self.shape.solidity < DISC.solidity
+        !self.is_round()
     }
 
-    /// Where the surface shows it; it faces so many views by [`FACED`].
-    pub fn place(&self, facing: usize) -> MarkPlace {
-        let is_shown = self.views >= SURE_VIEWS && facing >= SURE_FACING;
-        MarkPlace {
-            direction: self.direction,
-            is_sure: self.is_disc() && is_shown,
-        }
+    /// Whether it is a disc that may have neighbors.
+    pub fn is_round(&self) -> bool {
+        self.shape.elongation <= DISC.elongation && self.shape.solidity >= DISC.solidity
     }
 
     /// Whether it is a disc.
     pub fn is_disc(&self) -> bool {
-        let Shape {
-            elongation,
-            solidity,
-            around,
-        } = self.shape;
-        elongation <= DISC.elongation && solidity >= DISC.solidity && around <= DISC.around
+        self.is_round() && self.shape.around <= DISC.around
     }
 }
 
-/// The marks of a surface.
-pub(super) fn marks(surface: &Surface) -> Vec<Mark> {
+/// The marks of a surface, each with the places that it is of.
+pub(super) fn marks(surface: &Surface) -> Vec<(Mark, Vec<usize>)> {
     let least = LEAST.max(OVER_NOISE * surface.noise);
     let dark = |k: usize| surface.places[k].darkness;
     let is_above = |a: usize, b: usize| (dark(a), a) > (dark(b), b);
@@ -178,8 +110,9 @@ pub(super) fn marks(surface: &Surface) -> Vec<Mark> {
             members[top].push(k);
         }
     }
-    let tops = members.iter().enumerate().filter(|(_, m)| !m.is_empty());
-    tops.map(|(top, members)| mark(surface, top, members))
+    let tops = members.into_iter().enumerate();
+    tops.filter(|(_, members)| !members.is_empty())
+        .map(|(top, members)| (mark(surface, top, &members), members))
         .collect()
 }
 
@@ -209,7 +142,8 @@ fn join_across_saddles(surface: &Surface, uphill: &mut [usize], least: f32) {
     }
 }
 
-fn mark(surface: &Surface, top: usize, members: &[usize]) -> Mark {
+/// The mark of these places, the darkest of which is `top`.
+pub(super) fn mark(surface: &Surface, top: usize, members: &[usize]) -> Mark {
     let places = || members.iter().map(|k| &surface.places[*k]);
     let sum: Vec3 = places().map(|p| p.direction * f64::from(p.darkness)).sum();
     let direction = sum.normalize();

@@ -25,6 +25,8 @@ const ABOUT: f64 = 0.35;
 /// Places so near, radians, and views of them that tell whether there is nothing.
 const NEAR: f64 = 0.03;
 const FEW_VIEWS: usize = 8;
+/// Where a smaller share of the places is dark it is not all dark.
+const WHOLE: f64 = 0.9;
 /// Of the places about one, every so many-th is looked at.
 const STRIDE: usize = 3;
 
@@ -147,6 +149,32 @@ impl Surface {
             is_bare &= place.views >= FEW_VIEWS && f64::from(place.darkness) < darkness;
         });
         is_bare
+    }
+
+    /// The places that are darker than `darkness`, nearly all of it within so many radians, beyond these directions and what is so near each.
+    pub fn dark(
+        &self,
+        beyond: impl Iterator<Item = (Vec3, f64)>,
+        darkness: f64,
+        within: f64,
+    ) -> Vec<Vec3> {
+        let mut is_dark: Vec<bool> = (self.places.iter())
+            .map(|p| f64::from(p.darkness) > darkness)
+            .collect();
+        let dark = is_dark.clone();
+        for (direction, near) in beyond {
+            self.near(&direction, near, |k| is_dark[k] = false);
+        }
+        let is_whole = |k: &usize| {
+            let (mut count, mut of) = (0.0, 0.0);
+            self.near(&self.places[*k].direction, within, |j| {
+                count += 1.0;
+                of += f64::from(u8::from(dark[j]));
+            });
+            of >= WHOLE * count
+        };
+        let whole = (0..is_dark.len()).filter(|k| is_dark[*k]).filter(is_whole);
+        whole.map(|k| self.places[k].direction).collect()
     }
 
     /// Solid angle of a place.

@@ -150,7 +150,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut calibration =
         calibrate(nominal, &clip.frames, times, &config)?.map_err(|r| arguments.no_answer(&r))?;
     if let Origin::Clip(built) = &clip.origin {
-        calibration = confirmed(calibration, built).map_err(|r| arguments.no_answer(&r))?;
+        calibration =
+            confirmed(calibration, built, &config).map_err(|r| arguments.no_answer(&r))?;
     }
     errln!("judging the calibration on frames that take no part, and by Monte Carlo");
     let evaluation = CalibrationEvaluationConfig {
@@ -310,11 +311,10 @@ impl Arguments {
             }
             None => self.no_answer(&r),
         })?;
-        if built.blind > 0.0 && self.dots.is_none() {
+        if self.dots.is_none() {
+            // A stain that looks like a dot is one to every test.
             errln!(
-                "spindoe: {:.1} % of the ball hardly faced the camera, and a dot there would be missed: {} dots were \
-                 found, compare that with the ball",
-                100.0 * built.blind,
+                "spindoe: {} dots were found: compare that with the ball, and give their number where it differs (--dots)",
                 built.pattern.len()
             );
         }

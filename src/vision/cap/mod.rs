@@ -44,9 +44,7 @@ const BLUR_CONVERGED: f64 = 0.02;
 /// Angular radii that the iteration starts from where no dot of the ball is known, radians.
 const RADII: [f64; 3] = [0.09, 0.06, 0.13];
 /// Angular radii that a dot may have, radians.
-const RADIUS: std::ops::RangeInclusive<f64> = 0.025..=0.3;
-/// The blur's deviation that the iteration starts from: pixels, or this part of the ball's radius where that is more.
-const BLUR: (f64, f64) = (0.7, 0.02);
+const RADIUS: std::ops::RangeInclusive<f64> = 0.012..=0.3;
 /// Pixels count up to so many dot radii, and beyond by so many deviations of the blur and so many pixels.
 const MARGIN: (f64, f64, f64) = (1.2, 2.5, 1.0);
 /// Fewer pixels fix no dot.
@@ -162,16 +160,8 @@ impl CapFitter {
         if let Some(shape) = shape {
             return self.fit_from(pixels, &expected, shape);
         }
-        let blur = BLUR.0.max(BLUR.1 * pixels.view.circle().radius);
-        let tone = Tone::default();
         RADII.into_iter().find_map(|radius| {
-            let shape = CapShape {
-                radius,
-                blur,
-                tone,
-                is_known: false,
-            };
-            self.fit_from(pixels, &expected, shape)
+            self.fit_from(pixels, &expected, CapShape::first(radius, pixels.view))
         })
     }
 

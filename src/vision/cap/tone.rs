@@ -1,7 +1,12 @@
 //! What the dots of an image share: the tone curve, and a dot's size and sharpness.
 
+use crate::vision::camera::BallView;
+
 /// Standard deviations of radius and blur, of these: of the first dot, and of one on a ball whose other dots are known.
 const SPREAD: [[f64; 2]; 2] = [[1.0, 1.0], [0.15, 0.25]];
+
+/// The blur's deviation that a fit starts from: pixels, or this part of the ball's radius where that is more.
+const BLUR: (f64, f64) = (0.7, 0.02);
 
 /// What is known of the tone curve: the bend `q`.
 #[derive(Debug, Clone, Copy)]
@@ -62,6 +67,16 @@ pub(in crate::vision) struct CapShape {
 }
 
 impl CapShape {
+    /// Where nothing but about the radius is known of a dot.
+    pub fn first(radius: f64, view: &BallView) -> Self {
+        Self {
+            radius,
+            blur: BLUR.0.max(BLUR.1 * view.circle().radius),
+            tone: Tone::default(),
+            is_known: false,
+        }
+    }
+
     /// Its unknowns and their variances.
     pub fn expected(&self) -> [(f64, f64); 3] {
         let [of_radius, of_blur] = SPREAD[usize::from(self.is_known)];

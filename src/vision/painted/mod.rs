@@ -16,6 +16,7 @@
 mod bare;
 mod bundle;
 mod clip;
+mod dots;
 mod face;
 mod file;
 mod fit;
@@ -27,6 +28,7 @@ mod steady;
 mod surface;
 mod track;
 
+pub use dots::{DotFinder, ExpectedDot, FoundDot, contrasts};
 pub use frame::PaintedFrame;
 pub use map::PaintMap;
 pub use mapper::{MappedFrame, PaintMapper};

@@ -11,8 +11,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 use spindoe::calibrate::{
-    BuiltPattern, CalibrationConfig, MarkPlace, SurfaceObserver, build_pattern, calibrate,
-    confirmed,
+    BuiltPattern, CalibrationConfig, SurfaceObserver, build_pattern, calibrate, confirmed,
 };
 use spindoe::geometry::{Vec3, angle_between, spiral_directions};
 use spindoe::synth::SynthConfig;
@@ -54,7 +53,7 @@ struct Judged {
     shown: f64,
     shows_dots: bool,
     built: Built,
-    /// How far the places are off that the surface gives for sure, degrees.
+    /// How far the places are off that pixels fix, degrees.
     places_deg: Vec<f64>,
 }
 
@@ -153,7 +152,7 @@ impl Args {
         let at = |q: f64| spindoe::stats::quantile(&off, q);
         if !off.is_empty() {
             println!(
-                "places that the surface gives: median {:.2}, 95 % below {:.2}, worst {:.2} deg; beyond 1 deg: {}",
+                "places that pixels fix: median {:.2}, 95 % below {:.2}, worst {:.2} deg; beyond 1 deg: {}",
                 at(0.5),
                 at(0.95),
                 at(1.0),
@@ -209,7 +208,7 @@ fn one(looks: &SynthConfig, habits: Habits, seed: u64, k: u64, counted: bool) ->
             let times: Vec<f64> = (0..clip.frames()).map(|k| k as f64 / clip.fps).collect();
             match calibrate(&built.pattern, &frames, Some(&times), &config)? {
                 Err(rejection) => Built::Rejected(rejection.to_string()),
-                Ok(calibration) => match confirmed(calibration, &built) {
+                Ok(calibration) => match confirmed(calibration, &built, &config) {
                     Err(rejection) => Built::Rejected(rejection.to_string()),
                     Ok(confirmed) => judged(&confirmed.pattern()?, &clip.truth, &shown.hidden)?,
                 },
@@ -266,14 +265,15 @@ fn named(built: &Pattern, truth: &Pattern) -> Outcome<Vec<Option<TrueDot>>> {
     Ok(found.assignment.iter().map(expected).collect())
 }
 
-/// How far the places are off that the surface gives for sure, degrees.
+/// How far the places are off that pixels fix, degrees.
 fn places_deg(built: &BuiltPattern, truth: &Pattern) -> Outcome<Vec<f64>> {
-    let named = named(&built.pattern, truth)?;
-    let off = |(place, expected): (&Option<MarkPlace>, Option<TrueDot>)| {
-        let place = place.filter(|p| p.is_sure)?;
-        Some(angle_between(&place.direction, &expected?.direction).to_degrees())
+    let dots = built.pattern.dots().iter().enumerate();
+    let off = |((j, place), expected): ((usize, &Vec3), Option<TrueDot>)| {
+        let expected = expected.filter(|_| built.is_known(j) == Some(true))?;
+        Some(angle_between(place, &expected.direction).to_degrees())
     };
-    Ok(built.places.iter().zip(named).filter_map(off).collect())
+    let named = named(&built.pattern, truth)?;
+    Ok(dots.zip(named).filter_map(off).collect())
 }
 
 /// A pattern against the true one.
