@@ -242,26 +242,33 @@ impl UnknownRejection {
     }
 }
 
-/// The calibration of a built pattern, with its dots where the pixels of the frames show them, or, where no pixels were looked at, where the
-/// estimator sees them.
+/// The calibration of a built pattern, with each dot where it is known best: where the estimator has found it, or where the pixels of the frames
+/// showed it when the pattern was built. The estimator knows the outlines better, the pixels are not misled by detections of neighbors.
 ///
 /// # Errors
-/// [`UnknownRejection::Unconfirmed`] where dots are not confirmed by that.
+/// [`UnknownRejection::Unconfirmed`] where the pixels do not know the place of a dot.
 pub fn confirmed(
     mut calibration: Calibration,
     built: &BuiltPattern,
     config: &CalibrationConfig,
 ) -> std::result::Result<Calibration, UnknownRejection> {
     let (mut dots, found) = (0, calibration.dots.len());
-    for (dot, sigma_rad) in calibration.dots.iter_mut().zip(&built.sigmas_rad) {
-        match sigma_rad {
-            Some(sigma_rad) if *sigma_rad <= KNOWN_RAD => {
+    for (dot, by_pixels) in calibration.dots.iter_mut().zip(&built.sigmas_rad) {
+        let is_found = matches!(dot.state, DotState::Measured | DotState::Doubtful);
+        let found_rad = if is_found {
+            dot.sigma_rad()
+        } else {
+            f64::INFINITY
+        };
+        match *by_pixels {
+            None if is_found => {}
+            Some(sigma_rad) if sigma_rad <= KNOWN_RAD && found_rad <= sigma_rad => {}
+            Some(sigma_rad) if sigma_rad <= KNOWN_RAD => {
                 dot.state = DotState::Measured;
                 dot.direction = dot.nominal;
                 let variance = sigma_rad.powi(2) + config.shared_sigma_rad.powi(2);
                 dot.covariance = Matrix2::from_diagonal_element(variance);
             }
-            None if matches!(dot.state, DotState::Measured | DotState::Doubtful) => {}
             _ => dots += 1,
         }
     }
