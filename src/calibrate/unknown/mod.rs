@@ -141,8 +141,8 @@ pub enum UnknownRejection {
     },
     /// A part of the ball was not shown.
     #[error(
-        "too static a clip: {:.0} % of the ball never face the camera in {MIN_VIEWS} frames; turn it about \
-         another axis as well", 100.0 * blind
+        "too static a clip: {:.1} % of the ball never face the camera in {MIN_VIEWS} frames, or something covers it; turn it \
+         about another axis as well, and move your fingers", 100.0 * blind
     )]
     NotCovered {
         /// Share of the ball's surface.

@@ -148,7 +148,17 @@ const STEPS: usize = 45;
 
 /// The pictures of a ball that turns once about each axis, and how it is seen and lies in them (map to view frame): the ball of `truth`, and print where it is given.
 fn pictures(truth: &Pattern, print: &[Spot], axes: &[Vec3]) -> Vec<(RgbImage, BallView, Rotation)> {
-    let looks = SynthConfig::good().unprinted().as_designed();
+    pictures_of(truth, print, axes, &SynthConfig::good())
+}
+
+/// The same of a ball that looks otherwise.
+fn pictures_of(
+    truth: &Pattern,
+    print: &[Spot],
+    axes: &[Vec3],
+    looks: &SynthConfig,
+) -> Vec<(RgbImage, BallView, Rotation)> {
+    let looks = looks.clone().unprinted().as_designed();
     let mut rng = ChaCha8Rng::seed_from_u64(35);
     let mut scene = Scene::random(truth, &looks, &mut rng).unwrap();
     scene.surface.strangers.extend_from_slice(print);
@@ -178,10 +188,17 @@ fn filmed(
     print: &[Spot],
     axes: &[Vec3],
 ) -> (Vec<FrameEstimate>, Vec<PaintedFrame>) {
+    seen_in(pictures(truth, print, axes))
+}
+
+/// What pictures show.
+fn seen_in(
+    pictures: Vec<(RgbImage, BallView, Rotation)>,
+) -> (Vec<FrameEstimate>, Vec<PaintedFrame>) {
     let estimator = detecting();
     let mut workspace = estimator.workspace();
     let settings = SurfaceObserver::settings(BatchConfig::default());
-    let seen = pictures(truth, print, axes).into_iter().map(|(image, ..)| {
+    let seen = pictures.into_iter().map(|(image, ..)| {
         let mut found = FrameEstimate::default();
         let prior = Prior::default();
         estimator.estimate(&image, &prior, &settings.budget, &mut workspace, &mut found);
@@ -226,6 +243,36 @@ fn a_ball_is_built_from_what_its_frames_show_and_print_is_no_dot() {
     let (frames, shown) = filmed(&truth, &[], &[Vec3::z()]);
     let found = build_pattern(&frames, Some(&shown), None, &config).unwrap();
     assert!(found.is_err(), "{found:?}");
+}
+
+#[test]
+fn dots_that_run_into_one_mark_are_told_apart_and_measured() {
+    // Nine degrees are four pixels here, and both dots and their blur are three wide.
+    let first = crate::common::random_pattern(14, 35);
+    let mut dots = first.dots().to_vec();
+    let apart = |v: &Vec3| angle_between(&dots[0], v) > 0.16 && angle_between(&dots[0], v) < 0.2;
+    let others = |v: &Vec3| dots[1..].iter().all(|d| angle_between(d, v) > 0.4);
+    let beside = spiral_directions(2000)
+        .find(|v| apart(v) && others(v))
+        .unwrap();
+    dots.push(beside);
+    let truth = Pattern::new(dots).unwrap();
+    let looks = SynthConfig {
+        ball_px: Some([50.0; 2]),
+        dot_radius_rad: [0.05; 2],
+        ..SynthConfig::good()
+    };
+    let axes = [Vec3::x(), Vec3::y(), Vec3::new(1.0, 1.0, 0.0).normalize()];
+    let (frames, shown) = seen_in(pictures_of(&truth, &[], &axes, &looks));
+    let config = CalibrationConfig::default();
+    let found = build_pattern(&frames, Some(&shown), None, &config).unwrap();
+    let built = found.unwrap_or_else(|rejection| panic!("{rejection}"));
+    let off = worst(&built.pattern, &truth).map(f64::to_degrees);
+    assert!(off.is_some_and(|w| w < 1.0), "{off:?} deg, {built:?}");
+    assert!(
+        (0..truth.len()).all(|j| built.is_known(j) == Some(true)),
+        "{built:?}"
+    );
 }
 
 #[test]
