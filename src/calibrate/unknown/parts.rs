@@ -2,7 +2,7 @@
 //!
 //! Where dots lie near each other, or the ball has few pixels, the surface shows several as one mark. It is shared out among `k` middles, each
 //! place to the nearest (Lloyd's algorithm, begun along its length); it is `k` dots for the smallest `k` of which each part is a disc of about the size
-//! of the ball's other dots. What hardly faces the camera stays one: seen from the side alone a dot is as long as two.
+//! of the ball's other dots, and between one and the next it is less dark: a bar is dark all along. What hardly faces the camera stays one: seen from the side alone a dot is as long as two.
 
 use nalgebra::Matrix3;
 
@@ -16,6 +16,10 @@ use crate::stats::median;
 const MOST: usize = 4;
 /// Radius of a part over that of the middle disc.
 const SIZE: [f64; 2] = [0.7, 1.5];
+/// Halfway between two parts the surface, as the mean of what is so near, radians, is at most so dark over the less dark one's middle. Between dots that
+/// ran into one on three balls of 52 to 74 pixels (`bench calibration-unknown --plain --seed 36100001`) it was 0.64 to 0.85.
+const NEAR: f64 = 0.03;
+const DIP: f64 = 0.9;
 /// Steps in which places are shared out.
 const STEPS: usize = 12;
 
@@ -55,7 +59,21 @@ fn parts(surface: &Surface, members: &[usize], radius: f64) -> Option<Vec<Mark>>
                 .max_by(|a, b| darkness(a).total_cmp(&darkness(b)))?;
             Some(mark(surface, top, part)).filter(is_dot)
         });
-        marks.collect()
+        let marks: Option<Vec<Mark>> = marks.collect();
+        marks.filter(|marks| (0..count).all(|part| stands_apart(surface, marks, part)))
+    })
+}
+
+/// Whether the surface is less dark between a part and the next one.
+fn stands_apart(surface: &Surface, parts: &[Mark], part: usize) -> bool {
+    let middle = parts[part].direction;
+    let others = parts.iter().enumerate().filter(|(k, _)| *k != part);
+    let others = others.map(|(_, other)| other.direction);
+    let next = others.max_by(|a, b| a.dot(&middle).total_cmp(&b.dot(&middle)));
+    next.is_some_and(|next| {
+        let [here, there] = [middle, next].map(|at| surface.darkness(&at, NEAR));
+        let between = surface.darkness(&(middle + next).normalize(), NEAR);
+        between <= DIP * here.min(there)
     })
 }
 

@@ -141,6 +141,16 @@ impl Surface {
         near(&self.tree, direction, within, take);
     }
 
+    /// The mean darkness of the places nearer to a direction than `within`, radians.
+    pub fn darkness(&self, direction: &Vec3, within: f64) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        self.near(direction, within, |k| {
+            sum += f64::from(self.places[k].darkness);
+            count += 1.0;
+        });
+        sum / f64::max(count, 1.0)
+    }
+
     /// Whether the places about a direction are all less dark than `darkness`, in enough views to tell.
     pub fn is_bare(&self, direction: &Vec3, darkness: f64) -> bool {
         let mut is_bare = true;
