@@ -1,7 +1,7 @@
 //! Which marks of a ball are its dots.
 //!
-//! Two witnesses: the surface shows a steady disc, and the detector finds a dot there in the views that face it. Dots are of one pen:
-//! of one size and one darkness, within what a hand makes of it. On a ball without print a steady disc that many views show is a dot, and so is
+//! Three witnesses: the surface shows a disc, single frames show it dark, and the detector finds a dot there in the views that face it. Dots are of one pen:
+//! of one size and one darkness, within what a hand makes of it. On a ball without print a disc that many frames show is a dot, and so is
 //! what the detector sees and the surface does not contradict; what neither shows is none, and between them a mark is *doubtful*. Where there is
 //! print, it may have discs too: there the number of dots must be known, and so many must be clearly likelier dots to the detector than all else.
 
@@ -60,6 +60,7 @@ const PRINT_LIKENESS: f64 = 0.2;
 const NEAR_PRINT: f64 = 0.3;
 /// Fewer discs that the detector finds too do not tell what a dot looks like.
 const MIN_TYPICAL: usize = 4;
+
 /// What a dot looks like.
 struct Typical {
     radius: f64,
@@ -146,7 +147,8 @@ impl Map<'_> {
             let is_there =
                 |m: &Mark| angle_between(&m.direction, &at) < BESIDE.max(SAME[1] * m.radius);
             if !marks.iter().any(is_there) && self.is_likely(j) {
-                let is_seen = self.likeness(&at) >= Some(SUSPECTED * typical.likeness);
+                let likeness = self.likeness(&at).unwrap_or(0.0) / typical.likeness;
+                let is_seen = likeness >= SUSPECTED;
                 let kind = match () {
                     () if is_seen && print.is_empty() => Kind::Dot,
                     () if !is_seen && surface.is_bare(&at, BARE * typical.darkness) => Kind::Other,
@@ -155,7 +157,7 @@ impl Map<'_> {
                 dots.push(Candidate {
                     dot: self.dots[j],
                     radius: typical.radius,
-                    likeness: self.likeness(&at).unwrap_or(0.0) / typical.likeness,
+                    likeness,
                     kind,
                 });
             }
@@ -282,7 +284,7 @@ impl Typical {
         let Witnessed { mark, .. } = seen;
         let is_dot = self.likeness(seen).is_none_or(|l| l >= PRINT_LIKENESS);
         let is_steady = mark.views >= FEW_VIEWS && mark.steady >= STEADY;
-        is_steady && mark.is_drawn() && !is_dot && mark.darkness >= PRINT * self.darkness
+        is_steady && !mark.is_round() && !is_dot && mark.darkness >= PRINT * self.darkness
     }
 
     /// Whether radius and darkness are those of a dot.
@@ -316,8 +318,8 @@ impl Typical {
         // What the detector hardly sees must be one.
         let is_like = is_sized && mark.is_disc();
         // A few frames confirm what the detector has found.
-        let is_told = is_shown || is_known && seen.contrast.views >= MIN_VIEWS;
-        let is_dark = |contrast| is_told && self.shows(seen, contrast);
+        let is_enough = is_shown || is_known && seen.contrast.views >= MIN_VIEWS;
+        let is_dark = |contrast| is_enough && self.shows(seen, contrast);
         // Two that run into one are larger.
         let is_single = is_sized && mark.radius <= SINGLE * self.radius;
         // Seen from the side alone a dot is long, and so are two that run into one.

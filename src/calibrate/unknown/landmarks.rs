@@ -1,7 +1,7 @@
 //! The dots of a map by the pixels of all its frames.
 //!
-//! Once the surface has told what is a dot, each is looked for in every frame that it faces, detected there or not, and map, frames and camera
-//! are fitted to what the pixels show ([`DotFinder`], [`Bundle`](crate::calibrate::bundle::Bundle)).
+//! Once the surface shows what is a dot, each is looked for in every frame that it faces, detected there or not, and map, frames and camera
+//! are fitted to what the pixels show ([`find_dots`], [`Bundle`](crate::calibrate::bundle::Bundle)).
 
 use super::map::Map;
 use crate::calibrate::bundle::{DotFit, Observation};
@@ -9,14 +9,13 @@ use crate::calibrate::result::rms_sigma_rad;
 use crate::concurrency;
 use crate::geometry::Vec3;
 use crate::stats::median;
-use crate::vision::painted::{DotFinder, ExpectedDot, FoundDot, PaintedFrame};
+use crate::vision::painted::{ExpectedDot, FoundDot, PaintedFrame, find_dots};
 
 /// A view faces a dot well enough for its pixels to be looked at from this depth on, and its radius, radians, more: of a dot at the limb a part is out
 /// of sight.
 const LOOKED_AT: f64 = 0.2;
 /// Dots found and map fitted so often.
 const ROUNDS: usize = 3;
-
 /// Dots that the pixels of so many frames show need no detections, which lie up to a degree off where dots are large and near each other.
 const ENOUGH: usize = 8;
 /// What a dot that is not round is off where only the side shows it, over its radius and how far it is turned away: dots are drawn by hand.
@@ -121,7 +120,7 @@ impl Map<'_> {
                     is_sized: radii[*j].1,
                 })
                 .collect();
-            let found = DotFinder::default().find(shown[seen.index], &seen.view(), &expected);
+            let found = find_dots(shown[seen.index], &seen.view(), &expected);
             let sightings = faced.iter().zip(found);
             let sightings = sightings.filter_map(|((j, _, depth), found)| {
                 Some(Sighting {

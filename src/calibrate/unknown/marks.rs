@@ -31,6 +31,7 @@ const DISC: Shape = Shape {
 const NO_DISC: [f64; 2] = [2.0, 0.75];
 /// Dots that only the side shows are up to so long over their width; what is longer was two that run into one.
 const LONG: f64 = 2.5;
+
 /// How a mark looks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shape {
@@ -69,12 +70,7 @@ impl Mark {
         self.shape.elongation <= LONG && self.shape.solidity >= DISC.solidity
     }
 
-    /// Whether it is too long for a disc, or has gaps.
-    pub fn is_drawn(&self) -> bool {
-        !self.is_round()
-    }
-
-    /// Whether it is a disc that may have neighbors.
+    /// Whether it is no longer than a disc and has no gaps, whatever is around it.
     pub fn is_round(&self) -> bool {
         self.shape.elongation <= DISC.elongation && self.shape.solidity >= DISC.solidity
     }

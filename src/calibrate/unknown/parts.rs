@@ -2,7 +2,8 @@
 //!
 //! Where dots lie near each other, or the ball has few pixels, the surface shows several as one mark. It is shared out among `k` middles, each
 //! place to the nearest (Lloyd's algorithm, begun along its length); it is `k` dots for the smallest `k` of which each part is a disc of about the size
-//! of the ball's other dots, and between one and the next it is less dark: a bar is dark all along. What hardly faces the camera stays one: seen from the side alone a dot is as long as two.
+//! of the ball's other dots, and between one and the next it is less dark: a bar is dark all along. What hardly faces the camera
+//! stays one: seen from the side alone a dot is as long as two.
 
 use nalgebra::Matrix3;
 
@@ -22,7 +23,6 @@ const NEAR: f64 = 0.03;
 const DIP: f64 = 0.9;
 /// Steps in which places are shared out.
 const STEPS: usize = 12;
-
 /// So many views that face a mark by so much show how long it is, else as many dots of the map must lie in it. Of long marks with fewer than eight such
 /// views and one dot, on 61 plain balls (`bench calibration-unknown`, seed 36100001), most were one dot; of those with twenty views all were several.
 const WELL: f64 = 0.5;

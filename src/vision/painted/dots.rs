@@ -17,9 +17,9 @@ use crate::vision::cap::{CapFitter, CapShape};
 pub struct ExpectedDot {
     /// Where it should be, view frame.
     pub direction: Vec3,
-    /// Its angular radius, radians, and whether that is how other frames show it.
+    /// Its angular radius, radians.
     pub radius: f64,
-    /// See there.
+    /// Whether the radius is what other frames show: then this one's hardly differs.
     pub is_sized: bool,
 }
 
@@ -68,56 +68,45 @@ pub fn contrasts(frame: &PaintedFrame, view: &BallView, dots: &[ExpectedDot]) ->
     Some(dots.iter().map(of_dot).collect())
 }
 
-/// Finds dots; keeps its memory.
-#[derive(Debug, Default)]
-pub struct DotFinder {
-    caps: CapFitter,
-    order: Vec<usize>,
-}
-
-impl DotFinder {
-    /// Where a frame shows these dots under a view of the ball, `None` for those that it does not.
-    pub fn find(
-        &mut self,
-        frame: &PaintedFrame,
-        view: &BallView,
-        dots: &[ExpectedDot],
-    ) -> Vec<Option<FoundDot>> {
-        let mut found = vec![None; dots.len()];
-        let Some((image, grid)) = frame.image() else {
-            return found;
+/// Where a frame shows these dots under a view of the ball, `None` for those that it does not.
+pub fn find_dots(
+    frame: &PaintedFrame,
+    view: &BallView,
+    dots: &[ExpectedDot],
+) -> Vec<Option<FoundDot>> {
+    let mut found = vec![None; dots.len()];
+    let Some((image, grid)) = frame.image() else {
+        return found;
+    };
+    let pixels = BallPixels {
+        gray: &image,
+        grid,
+        view,
+    };
+    let mut caps = CapFitter::default();
+    // What the dots that face the camera say of blur and tone curve, those near the rim need most.
+    let mut order: Vec<usize> = (0..dots.len()).collect();
+    order.sort_by(|a, b| dots[*b].direction.z.total_cmp(&dots[*a].direction.z));
+    let mut shape = None;
+    for i in order {
+        let dot = &dots[i];
+        let near = view.project(&dot.direction);
+        let expected = match shape {
+            Some(shape) => CapShape {
+                radius: dot.radius,
+                is_known: dot.is_sized,
+                ..shape
+            },
+            None => CapShape::first(dot.radius, view),
         };
-        let pixels = BallPixels {
-            gray: &image,
-            grid,
-            view,
-        };
-        // What the dots that face the camera say of blur and tone curve, those near the rim need most.
-        self.order.clear();
-        self.order.extend(0..dots.len());
-        self.order
-            .sort_by(|a, b| dots[*b].direction.z.total_cmp(&dots[*a].direction.z));
-        let mut shape = None;
-        for &i in &self.order {
-            let dot = &dots[i];
-            let near = view.project(&dot.direction);
-            let expected = match shape {
-                Some(shape) => CapShape {
-                    radius: dot.radius,
-                    is_known: dot.is_sized,
-                    ..shape
-                },
-                None => CapShape::first(dot.radius, view),
-            };
-            if let Some(cap) = self.caps.fit(&pixels, near, Some(expected)) {
-                shape = Some(cap.shape);
-                found[i] = Some(FoundDot {
-                    pixel: cap.pixel,
-                    covariance: cap.covariance,
-                    radius: cap.shape.radius,
-                });
-            }
+        if let Some(cap) = caps.fit(&pixels, near, Some(expected)) {
+            shape = Some(cap.shape);
+            found[i] = Some(FoundDot {
+                pixel: cap.pixel,
+                covariance: cap.covariance,
+                radius: cap.shape.radius,
+            });
         }
-        found
     }
+    found
 }

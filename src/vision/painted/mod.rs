@@ -28,7 +28,7 @@ mod steady;
 mod surface;
 mod track;
 
-pub use dots::{DotFinder, ExpectedDot, FoundDot, contrasts};
+pub use dots::{ExpectedDot, FoundDot, contrasts, find_dots};
 pub use frame::PaintedFrame;
 pub use map::PaintMap;
 pub use mapper::{MappedFrame, PaintMapper};
