@@ -112,6 +112,8 @@ struct FitSummary {
     smooth: bool,
     inverse_distance: Option<f64>,
     axis_rad: Option<f64>,
+    /// What the outlines are off, in radii: see [`Bundle::outline_shift`].
+    outline_shift: Vec3,
     /// Mean variance of a detection, rad^2 at the ball's middle.
     detection_variance: f64,
     sightings: Vec<Sighting>,
@@ -350,6 +352,7 @@ impl<'a> Rounds<'a> {
             smooth: bundle.is_smooth(),
             inverse_distance: bundle.inverse_distance(),
             axis_rad: bundle.axis_rad(),
+            outline_shift: bundle.outline_shift(),
             detection_variance: variance / count as f64,
             sightings,
         };
@@ -503,6 +506,10 @@ impl<'a> Rounds<'a> {
         };
         let ball =
             Ball::new(Pattern::new(dots)?).with_calibration(covariances.collect(), record)?;
+        // Outlines that are all off by the same make up for that in no single frame.
+        for outline in self.frames.iter_mut().filter_map(|f| f.outline.as_mut()) {
+            outline.circle = outline.circle.shifted(&summary.outline_shift);
+        }
         self.frames = identify_frames(&ball, &self.config.estimator, &self.frames)?;
         self.names = names;
         Ok(())

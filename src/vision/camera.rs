@@ -74,6 +74,18 @@ impl BallCircle {
         }
     }
 
+    /// The same, moved and grown by so much of its radius.
+    pub fn shifted(&self, by: &Vec3) -> Self {
+        Self {
+            center: Pixel {
+                u: self.center.u + by.x * self.radius,
+                v: self.center.v + by.y * self.radius,
+            },
+            radius: self.radius + by.z * self.radius,
+            ..*self
+        }
+    }
+
     /// Whether it is no circle.
     pub fn is_ellipse(&self) -> bool {
         !is_zero(&self.eccentricity)

@@ -12,9 +12,9 @@ use crate::geometry::Vec3;
 /// Largest expected number of dots where no view shows the surface.
 const MAX_HIDDEN: f64 = 0.03;
 /// What is so dark over the middle dot, all within so many radii of that, and lies farther from all dots than so many of their radii and so many
-/// radians, is covered in most views by fingers or their shadows: a dot there does not show. The largest expected number of such dots: of 18 plain
-/// balls (`bench calibration-unknown`, seed 36100001) it was 0.12 at most where no dot was missed, and 0.27 and 0.6 where one or two were.
-const COVERED: f64 = 0.15;
+/// radians, is covered in all views but a few, by fingers or their shadows: a dot there does not show. The largest expected number of such dots. What is less
+/// dark hides none: on 35 plain balls (`bench calibration-unknown`, seed 36100001) no dot was missed there.
+const COVERED: f64 = 0.35;
 const WHOLE: f64 = 0.7;
 const BEYOND: [f64; 2] = [2.2, 0.04];
 const MAX_COVERED: f64 = 0.15;

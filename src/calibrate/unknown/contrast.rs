@@ -5,6 +5,7 @@
 
 use super::map::Map;
 use super::marks::Mark;
+use super::surface::Surface;
 use crate::concurrency;
 use crate::stats::quantile;
 use crate::vision::painted::{ExpectedDot, PaintedFrame, contrasts};
@@ -44,7 +45,12 @@ impl Contrast {
 
 impl Map<'_> {
     /// The contrast of each of these marks.
-    pub fn contrasts(&self, shown: &[&PaintedFrame], marks: &[Mark]) -> Vec<Contrast> {
+    pub fn contrasts(
+        &self,
+        shown: &[&PaintedFrame],
+        surface: &Surface,
+        marks: &[Mark],
+    ) -> Vec<Contrast> {
         let frames: Vec<usize> = (0..self.frames.len()).collect();
         let seen = concurrency::map(&frames, |&k| {
             let seen = &self.frames[k];
@@ -53,6 +59,7 @@ impl Map<'_> {
             let facing = facing.map(|(j, mark)| (j, mark.radius, rotation * mark.direction));
             let facing: Vec<_> = facing
                 .filter(|(_, _, at)| seen.depth(at) >= LOOKED_AT)
+                .filter(|(_, _, at)| !surface.is_covered(k, &(seen.to_view() * at)))
                 .collect();
             let dots: Vec<ExpectedDot> = facing
                 .iter()

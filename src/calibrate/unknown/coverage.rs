@@ -57,7 +57,7 @@ impl Map<'_> {
     ) -> std::result::Result<BuiltPattern, UnknownRejection> {
         let (marks, radius) = self.marks(surface);
         let blind = surface.unseen(SHOWS * radius);
-        let contrasts = self.contrasts(shown, &marks);
+        let contrasts = self.contrasts(shown, surface, &marks);
         let radii = self.keep_dots((&marks, &contrasts), surface, blind, expected)?;
         self.fit();
         self.rename();

@@ -87,8 +87,6 @@ struct Witnessed<'m> {
     joined: Option<usize>,
     /// The mean probability of a dot over the views that the mark faces; `None` where there is none.
     likeness: Option<f64>,
-    /// Dots of the map that may be part of it.
-    dots: usize,
 }
 
 impl Witnessed<'_> {
@@ -115,7 +113,6 @@ impl Map<'_> {
                 contrast,
                 joined,
                 likeness: self.likeness(&mark.direction),
-                dots: self.within_mark(mark),
             })
             .collect();
         let found = witnessed.iter().filter(|w| w.joined.is_some()).count();
@@ -322,24 +319,23 @@ impl Typical {
         let is_dark = |contrast| is_enough && self.shows(seen, contrast);
         // Two that run into one are larger.
         let is_single = is_sized && mark.radius <= SINGLE * self.radius;
-        // Seen from the side alone a dot is long, and so are two that run into one.
-        let is_long = mark.is_long_dot() && seen.dots == 1;
+        let is_seen = is_known || likeness >= SUSPECTED;
         let is_faint = mark.darkness < ALONE[1][0] * self.darkness;
-        match likeness {
-            _ if is_faint && !is_known => Kind::Other,
+        match () {
+            () if is_faint && !is_known => Kind::Other,
             // Nothing else is dark in all frames of a ball without print, whatever the detector sees.
-            _ if is_like && is_dark(CONTRAST) => Kind::Dot,
-            _ if is_known && (may_be_disc || is_single) && is_dark(CONTRAST) => Kind::Dot,
-            l if may_be_disc && l >= SUSPECTED && is_dark(CONTRAST) => Kind::Dot,
-            _ if may_be_disc && is_dark(HARDLY_DARK) => Kind::Doubtful,
+            () if is_dark(CONTRAST)
+                && (is_like || is_seen && may_be_disc || is_known && is_single) =>
+            {
+                Kind::Dot
+            }
+            () if may_be_disc && is_dark(HARDLY_DARK) => Kind::Doubtful,
+            // Too few frames face it to tell, or fingers cover it in many.
+            () if is_known && likeness >= SUSPECTED && may_be_disc => Kind::Dot,
             // What many views show, most of them not, and no dot of the map, a hand has left.
-            l if l < SEEN && !is_known && is_shown => Kind::Other,
-            l if l >= SUSPECTED && may_be_disc && (is_known || is_shown) => Kind::Dot,
-            l if l >= SUSPECTED && is_sized && is_long => Kind::Dot,
-            l if l >= SUSPECTED => Kind::Doubtful,
-            l if l >= UNSEEN && is_like && mark.steady >= STEADY => Kind::Dot,
-            l if l >= UNSEEN || is_known => Kind::Doubtful,
-            _ => Kind::Other,
+            () if likeness < SEEN && !is_known && is_shown => Kind::Other,
+            () if is_known || likeness >= UNSEEN => Kind::Doubtful,
+            () => Kind::Other,
         }
     }
 

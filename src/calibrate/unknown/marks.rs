@@ -7,6 +7,7 @@ use nalgebra::Matrix2;
 
 use super::surface::Surface;
 use crate::geometry::{Vec3, tangent_frame};
+use crate::stats::median;
 
 /// The least darkness of a mark, over the bare ball's brightness and over the noise of a place.
 const LEAST: f32 = 0.008;
@@ -29,8 +30,6 @@ const DISC: Shape = Shape {
 /// What is longer over its width, or fills less of its ellipse, is none: of 1 197 dots on plain balls 6 (`bench calibration-unknown --plain
 /// --seed 35100001`), most of them two that run into one.
 const NO_DISC: [f64; 2] = [2.0, 0.75];
-/// Dots that only the side shows are up to so long over their width; what is longer was two that run into one.
-const LONG: f64 = 2.5;
 
 /// How a mark looks.
 #[derive(Debug, Clone, Copy)]
@@ -63,11 +62,6 @@ impl Mark {
     /// Whether it is surely no disc, whatever the detector says.
     pub fn is_no_disc(&self) -> bool {
         self.shape.elongation > NO_DISC[0] || self.shape.solidity < NO_DISC[1]
-    }
-
-    /// Whether it is as long as a dot is that is seen from the side alone, and has no gaps.
-    pub fn is_long_dot(&self) -> bool {
-        self.shape.elongation <= LONG && self.shape.solidity >= DISC.solidity
     }
 
     /// Whether it is no longer than a disc and has no gaps, whatever is around it.
@@ -110,6 +104,24 @@ pub(super) fn marks(surface: &Surface) -> Vec<(Mark, Vec<usize>)> {
     tops.filter(|(_, members)| !members.is_empty())
         .map(|(top, members)| (mark(surface, top, &members), members))
         .collect()
+}
+
+/// The middle disc.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MiddleDisc {
+    pub radius: f64,
+    pub darkness: f64,
+}
+
+impl MiddleDisc {
+    /// Of those among these marks.
+    pub fn of(marks: &[(Mark, Vec<usize>)]) -> Self {
+        let discs = || marks.iter().map(|(mark, _)| mark).filter(|m| m.is_disc());
+        Self {
+            radius: median(&mut discs().map(|m| m.radius).collect::<Vec<_>>()),
+            darkness: median(&mut discs().map(|m| m.darkness).collect::<Vec<_>>()),
+        }
+    }
 }
 
 /// The top that is reached from a place.

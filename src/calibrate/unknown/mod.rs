@@ -43,6 +43,7 @@ use nalgebra::Matrix2;
 
 pub use design::matching_design;
 use map::Map;
+use marks::{MiddleDisc, marks};
 use seen::Seen;
 use surface::Surface;
 pub use survey::{MissingSide, Side, Survey};
@@ -58,6 +59,8 @@ const PLACED: f64 = 0.9;
 /// A dot's place is known where its standard deviation per axis is no larger, radians: of 787 such dots on 30 plain balls (`bench
 /// calibration-unknown`, seed 36100001) the worst was 0.87 degrees off.
 const KNOWN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
+/// What is darker than so much of the middle dot, all over a disc of so many of its radii, is no dot: hands draw none so large, and fingers are larger.
+const COVER: [f64; 2] = [0.2, 1.7];
 /// Views that each place of the ball must have.
 const MIN_VIEWS: usize = ESTABLISHED;
 
@@ -313,7 +316,9 @@ pub fn survey<F: Borrow<PaintedFrame>>(
         Ok(map) => map,
         Err(rejection) => return Ok(Survey::rejected(estimates.len(), rejection)),
     };
-    let surface = Surface::new(&mut map, shown)?;
+    let covered = Surface::new(&mut map, shown)?;
+    let dot = MiddleDisc::of(&marks(&covered));
+    let surface = covered.uncovered(COVER[0] * dot.darkness, COVER[1] * dot.radius)?;
     let shown: Vec<&PaintedFrame> = shown.iter().map(Borrow::borrow).collect();
     let pattern = map.finish(&surface, &shown, expected_dots);
     Ok(Survey {

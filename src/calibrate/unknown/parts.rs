@@ -8,10 +8,9 @@
 use nalgebra::Matrix3;
 
 use super::map::Map;
-use super::marks::{Mark, mark, marks};
+use super::marks::{Mark, MiddleDisc, mark, marks};
 use super::surface::Surface;
 use crate::geometry::Vec3;
-use crate::stats::median;
 
 /// A mark is no more dots than this.
 const MOST: usize = 4;
@@ -32,8 +31,7 @@ impl Map<'_> {
     /// The marks of a surface, those that are several dots as these, and the radius of the middle disc, radians.
     pub fn marks(&self, surface: &Surface) -> (Vec<Mark>, f64) {
         let whole = marks(surface);
-        let discs = whole.iter().filter(|(mark, _)| mark.is_disc());
-        let radius = median(&mut discs.map(|(mark, _)| mark.radius).collect::<Vec<_>>());
+        let radius = MiddleDisc::of(&whole).radius;
         let parted = whole.iter().map(|(mark, members)| {
             let is_long = |parts: &Vec<Mark>| {
                 let views = self.facing(&mark.direction, WELL).count();

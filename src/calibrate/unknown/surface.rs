@@ -1,7 +1,7 @@
 //! What is dark on the surface of a ball, place by place, by all frames of a clip.
 //!
 //! The frames that the detections placed make the first map; those that showed too few dots are then laid on it by their pixels, and all make
-//! the next ([`PaintMapper`]).
+//! the next ([`PaintMapper`]). Fingers, which are larger than dots, are then left out where other views show what is beneath them.
 
 use std::borrow::Borrow;
 
@@ -11,7 +11,7 @@ use super::map::{Map, Placed};
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 use crate::stats::{SIGMA_PER_MAD, median};
-use crate::vision::painted::{MappedFrame, PaintMap, PaintMapper, PaintedFrame};
+use crate::vision::painted::{MappedClip, MappedFrame, PaintMapper, PaintedFrame};
 
 type Tree = ImmutableKdTree<f64, 3>;
 
@@ -38,6 +38,7 @@ pub(super) struct Surface {
     /// The darkness of the bare ball, which is no more than its noise.
     pub floor: f32,
     tree: Tree,
+    clip: MappedClip,
 }
 
 /// A place of the surface.
@@ -65,7 +66,7 @@ impl Surface {
                 rotation: placed.as_ref().map(|p| seen.to_view() * p.rotation),
             })
             .collect();
-        let paint = PaintMapper::default().map(&mut frames);
+        let clip = PaintMapper::default().lay_out(&mut frames);
         for ((seen, placed), frame) in map.frames.iter().zip(&mut map.placed).zip(&frames) {
             *placed = frame.rotation.map(|rotation| Placed {
                 rotation: seen.to_view().inverse() * rotation,
@@ -73,10 +74,25 @@ impl Surface {
             });
         }
         map.rename();
-        Self::of(&paint)
+        Self::of(clip)
     }
 
-    fn of(map: &PaintMap) -> Result<Self> {
+    /// The same without what is so dark and larger than a disc of so many radians, in views of places that others show without it.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where no search tree can be made.
+    pub fn uncovered(mut self, darkness: f64, radius: f64) -> Result<Self> {
+        self.clip.find_cover(darkness, radius);
+        Self::of(self.clip)
+    }
+
+    /// Whether something hides the ball in a frame of the map, at a direction of its view frame.
+    pub fn is_covered(&self, frame: usize, direction: &Vec3) -> bool {
+        self.clip.is_covered(frame, direction)
+    }
+
+    fn of(clip: MappedClip) -> Result<Self> {
+        let map = clip.map();
         let (directions, views) = (map.directions(), map.views());
         let points: Vec<[f64; 3]> = directions.iter().map(|d| [d.x, d.y, d.z]).collect();
         let tree = Tree::new_from_slice(&points)
@@ -127,6 +143,7 @@ impl Surface {
             noise: (SIGMA_PER_MAD * median(&mut off)) as f32,
             places,
             tree,
+            clip,
         })
     }
 

@@ -95,10 +95,7 @@ impl Map<'_> {
     fn look(&mut self, bundle: &Bundle) {
         let shift = bundle.outline_shift();
         for seen in &mut self.frames {
-            let mut circle = seen.outline.circle;
-            circle.center.u += shift.x * circle.radius;
-            circle.center.v += shift.y * circle.radius;
-            circle.radius += shift.z * circle.radius;
+            let circle = seen.outline.circle.shifted(&shift);
             if let Some(view) = bundle.view_of(&circle) {
                 seen.look(view, &self.estimates[seen.index]);
             }

@@ -5,6 +5,7 @@
 //! [`ABOUT`] on the ball: light and exposure, which vary slowly over the ball, leave, and marks stay. FicTrac thresholds each pixel
 //! against its surroundings for the same reason (R. J. D. Moore et al., J. Neurosci. Methods 225, 2014).
 
+use super::cover::opened;
 use super::frame::PaintedFrame;
 use crate::geometry::{Vec3, spiral_directions};
 use crate::vision::camera::{BallView, Pixel};
@@ -63,6 +64,8 @@ pub struct Face {
     horizon: f64,
     /// Standard deviation of the outline's center over the radius: turns about x and y that it feigns, radians.
     center_sigma: f64,
+    /// What hides the ball, one a value; empty where that is not known.
+    covered: Vec<bool>,
 }
 
 /// Values over the ball's near side, as a [`Face`] has them.
@@ -113,6 +116,7 @@ impl Samples {
             side: self.side,
             horizon: self.horizon,
             center_sigma,
+            covered: Vec::new(),
         }
     }
 }
@@ -202,6 +206,28 @@ impl Face {
     /// The value at a direction of the view frame that is in sight.
     pub fn at(&self, direction: &Vec3) -> f64 {
         STEP * bilinear(&self.values, self.side, direction.x, direction.y)
+    }
+
+    /// Looks for what hides the ball: what is darker than this value and larger than a disc of so many radians.
+    pub(super) fn find_cover(&mut self, darkest: f64, radius: f64) {
+        let along = |cell: usize| 2.0 * (cell as f64 + 0.5) / self.side as f64 - 1.0;
+        let limb = 1.0 - self.horizon * self.horizon;
+        let is_light = |(at, value): (usize, &i8)| {
+            let (x, y) = (along(at % self.side), along(at / self.side));
+            STEP * f64::from(*value) > darkest && x * x + y * y < limb
+        };
+        let light: Vec<bool> = self.values.iter().enumerate().map(is_light).collect();
+        self.covered = opened(&light, self.side, 0.5 * self.side as f64 * radius);
+    }
+
+    /// Whether something hides the ball at a direction of the view frame that is in sight.
+    pub fn is_covered(&self, direction: &Vec3) -> bool {
+        let cell = |x: f64| {
+            let at = 0.5 * self.side as f64 * (x + 1.0);
+            (at.max(0.0) as usize).min(self.side - 1)
+        };
+        let at = cell(-direction.y) * self.side + cell(direction.x);
+        self.covered.get(at).copied().unwrap_or(false)
     }
 
     /// Turns about x and y that the outline's error feigns, radians: their standard deviation.

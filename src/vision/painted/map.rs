@@ -1,6 +1,7 @@
 //! What all views of a clip show of a ball, place by place.
 //!
-//! A place's brightness is the middle of the views that show it: noise, glints, shadows and fingers do not turn with the ball and leave.
+//! A place's brightness is the middle of the views that show it: noise, glints, shadows and fingers do not turn with the ball and leave. Views in
+//! which something is known to hide it ([`cover`](super::cover)) count where hardly any other shows it.
 
 use super::face::Face;
 use crate::concurrency;
@@ -42,6 +43,7 @@ impl PaintMap {
         let counted = concurrency::map(&chunks, |places| {
             let mut counts = vec![[0u16; STEPS]; places.len()];
             for (place, counts) in places.iter().zip(&mut counts) {
+                let mut hidden = [0u16; STEPS];
                 let mut below = f64::INFINITY;
                 for least in [facing.well, facing.least] {
                     for (face, turn) in &turned {
@@ -50,6 +52,10 @@ impl PaintMap {
                         if depth >= least && depth < below {
                             let part = (face.at(&at) + FARTHEST) / (2.0 * FARTHEST);
                             let step = (part * STEPS as f64).max(0.0) as usize;
+                            let counts = match face.is_covered(&at) {
+                                true => &mut hidden,
+                                false => &mut *counts,
+                            };
                             let count = &mut counts[step.min(STEPS - 1)];
                             *count = count.saturating_add(1);
                         }
@@ -58,6 +64,11 @@ impl PaintMap {
                         break;
                     }
                     below = least;
+                }
+                if sum(counts) < facing.enough {
+                    for (count, hidden) in counts.iter_mut().zip(hidden) {
+                        *count = count.saturating_add(hidden);
+                    }
                 }
             }
             counts

@@ -46,7 +46,6 @@ pub struct MappedFrame<'a> {
 #[derive(Debug)]
 pub struct PaintMapper {
     grid: Grid,
-    places: Vec<Vec3>,
     maker: BareFaceMaker,
 }
 
@@ -54,15 +53,14 @@ impl Default for PaintMapper {
     fn default() -> Self {
         Self {
             grid: Grid::default(),
-            places: spiral_directions(PLACES).collect(),
             maker: BareFaceMaker::default(),
         }
     }
 }
 
 impl PaintMapper {
-    /// The map that the frames of a clip, in the order of time, show; those that it tells how the ball lies in get their rotations.
-    pub fn map(&self, frames: &mut [MappedFrame<'_>]) -> PaintMap {
+    /// The frames of a clip, in the order of time, laid on the surface; those that this tells how the ball lies in get their rotations.
+    pub fn lay_out(&self, frames: &mut [MappedFrame<'_>]) -> MappedClip {
         let faces = concurrency::map(frames, |f| self.maker.take(f.paint, &f.view));
         let mut laid: Vec<Option<Laid>> =
             frames.iter().map(|f| Some(Laid::at(f.rotation?))).collect();
@@ -76,7 +74,7 @@ impl PaintMapper {
         for (frame, laid) in frames.iter_mut().zip(&laid) {
             frame.rotation = laid.map(|l| l.rotation);
         }
-        PaintMap::new(&self.places, &apart(&faces, &laid), FACING)
+        MappedClip { faces, laid }
     }
 
     /// Lays the open frames, outwards from the placed ones, and says whether one is placed by that.
@@ -110,5 +108,36 @@ impl PaintMapper {
                 laid[k] = found;
             }
         }
+    }
+}
+
+/// A clip whose frames are laid on the surface.
+#[derive(Debug)]
+pub struct MappedClip {
+    faces: Vec<Option<Face>>,
+    laid: Vec<Option<Laid>>,
+}
+
+impl MappedClip {
+    /// The map that the frames show.
+    pub fn map(&self) -> PaintMap {
+        let places: Vec<Vec3> = spiral_directions(PLACES).collect();
+        PaintMap::new(&places, &apart(&self.faces, &self.laid), FACING)
+    }
+
+    /// Looks for what hides the ball in the frames: what is so much darker than the bare ball, over that, and larger than a disc of so many radians.
+    pub fn find_cover(&mut self, darkness: f64, radius: f64) {
+        self.faces = concurrency::map(&self.faces, |face| {
+            let mut face = face.clone()?;
+            face.find_cover((1.0 - darkness).max(1e-3).ln(), radius);
+            Some(face)
+        });
+    }
+
+    /// Whether something hides the ball in a frame, at a direction of its view frame that is in sight.
+    pub fn is_covered(&self, frame: usize, direction: &Vec3) -> bool {
+        self.faces[frame]
+            .as_ref()
+            .is_some_and(|f| f.is_covered(direction))
     }
 }

@@ -16,6 +16,7 @@
 mod bare;
 mod bundle;
 mod clip;
+mod cover;
 mod dots;
 mod face;
 mod file;
@@ -31,6 +32,6 @@ mod track;
 pub use dots::{ExpectedDot, FoundDot, contrasts, find_dots};
 pub use frame::PaintedFrame;
 pub use map::PaintMap;
-pub use mapper::{MappedFrame, PaintMapper};
+pub use mapper::{MappedClip, MappedFrame, PaintMapper};
 pub use surface::{PLACES, Surface};
 pub use track::{PaintedPose, PaintedPoses, PaintedRejection, PaintedTrack, PaintedTracker};

@@ -24,6 +24,8 @@ pub struct ClipConfig {
     /// Standard deviation of a detection per axis, and of the outline, pixels.
     pub sigma_px: f64,
     pub outline_px: f64,
+    /// Radius of the outlines over that of the ball's.
+    pub outline_scale: f64,
     /// Probability that a dot is missed, and number of false dots a frame.
     pub missed: f64,
     pub false_dots: usize,
@@ -43,6 +45,7 @@ impl Default for ClipConfig {
             distance: 12.0,
             sigma_px: 0.3,
             outline_px: 0.2,
+            outline_scale: 1.0,
             missed: 0.08,
             false_dots: 0,
             unlike: Vec::new(),
@@ -122,7 +125,7 @@ fn frame<R: Rng>(
             u: exact.center.u + normal(config.outline_px),
             v: exact.center.v + normal(config.outline_px),
         },
-        exact.radius + normal(config.outline_px),
+        exact.radius * config.outline_scale + normal(config.outline_px),
     );
     let mut seen: Vec<(Pixel, f64)> = Vec::new();
     for (j, dot) in dots.iter().enumerate() {

@@ -3,9 +3,10 @@
 use spindoe::Pattern;
 use spindoe::calibrate::{
     CalibratedDot, Calibration, CalibrationConfig, DotState, MIN_EXPECTED_VIEWS, calibrate,
-    held_out,
+    held_out, identify_frames,
 };
 use spindoe::geometry::{Vec3, angle_between, kabsch};
+use spindoe::vision::FrameEstimate;
 
 use super::clip::{ClipConfig, drawn, identified};
 
@@ -275,6 +276,34 @@ fn frames_that_take_no_part_fit_better() {
     assert!(after < 0.6 * before, "{before} {after}");
     let [before, after] = judged.mean_matched;
     assert!(after >= before - 0.2, "{before} {after}");
+}
+
+#[test]
+fn outlines_that_are_all_too_large_are_corrected() {
+    let pattern = crate::common::random_pattern(30, 17);
+    let dots = drawn(&pattern, 0.02, 11);
+    let clip = ClipConfig {
+        sigma_px: 0.05,
+        outline_scale: 1.07,
+        ..ClipConfig::default()
+    };
+    let clip = identified(&pattern, &dots, &clip);
+    let config = CalibrationConfig::default();
+    let found = calibrate(&pattern, &clip.frames, Some(&clip.times_s), &config);
+    let found = found.unwrap().unwrap();
+    assert_eq!(found.measured(), 30);
+    // The same dots do not fit these outlines.
+    let ball = found.ball(None).unwrap();
+    let as_found = identify_frames(&ball, &config.estimator, &clip.frames).unwrap();
+    let sure = |frames: &[FrameEstimate]| {
+        let poses = frames.iter().filter_map(|f| f.pose());
+        poses.filter(|p| p.confidence >= config.trusted).count()
+    };
+    let [before, after] = [sure(&as_found), sure(&found.frames)];
+    assert!(before < 60 && after > 110, "{before} {after}");
+    let drawn: Vec<(usize, Vec3)> = (0..).zip(dots).collect();
+    let worst = errors(&found, &drawn).1.into_iter().fold(0.0, f64::max);
+    assert!(worst < 0.01, "{worst}");
 }
 
 #[test]

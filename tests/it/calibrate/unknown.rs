@@ -8,12 +8,12 @@ use spindoe::calibrate::{
     CalibrationConfig, Side, SurfaceObserver, UnknownRejection, build_pattern, survey,
 };
 use spindoe::geometry::{Rotation, Vec3, angle_between, spiral_directions};
-use spindoe::image::{Picture, RawPixel, RgbImage};
+use spindoe::image::{GrayImage, Picture, RawPixel, RgbImage};
 use spindoe::synth::pen::Spot;
 use spindoe::synth::{Scene, SynthConfig};
 use spindoe::vision::camera::BallView;
 use spindoe::vision::estimator::{BatchConfig, BatchObserver};
-use spindoe::vision::painted::{MappedFrame, PaintMapper, PaintedFrame};
+use spindoe::vision::painted::{MappedFrame, PaintMap, PaintMapper, PaintedFrame};
 use spindoe::vision::{DetectorName, FrameEstimate, NamedDetector, Outline, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 use spindoe::{Estimator, EstimatorConfig};
@@ -367,7 +367,7 @@ fn frames_are_laid_on_the_surface_by_their_pixels() {
             rotation: (!is_open(k)).then_some(*rotation),
         })
         .collect();
-    let map = PaintMapper::default().map(&mut frames);
+    let map = PaintMapper::default().lay_out(&mut frames).map();
     let open = (0..shown.len()).filter(|k| is_open(*k));
     let laid = open.clone().filter_map(|k| {
         let rotation = frames[k].rotation?;
@@ -381,12 +381,7 @@ fn frames_are_laid_on_the_surface_by_their_pixels() {
     let kept = (0..shown.len()).filter(|k| !is_open(*k));
     assert!(kept.clone().all(|k| frames[k].rotation == Some(shown[k].2)));
     // The map shows the dots, dark, and the bare ball.
-    let value = |at: &Vec3| {
-        let near = map.directions().iter().enumerate();
-        let nearest = near.max_by(|a, b| a.1.dot(at).total_cmp(&b.1.dot(at)));
-        let (k, _) = nearest.unwrap();
-        (map.values()[k], map.views()[k])
-    };
+    let value = |at: &Vec3| value(&map, at);
     let dots: Vec<(f32, u32)> = truth.dots().iter().map(value).collect();
     let seen = || dots.iter().filter(|(_, views)| *views >= 3);
     assert!(seen().count() > 10, "{dots:?}");
@@ -394,4 +389,61 @@ fn frames_are_laid_on_the_surface_by_their_pixels() {
     let mut all = map.values().to_vec();
     all.sort_by(f32::total_cmp);
     assert!(all[all.len() / 2].abs() < 0.03);
+}
+
+/// The value of a map at a place, and the number of views that show it.
+fn value(map: &PaintMap, at: &Vec3) -> (f32, u32) {
+    let near = map.directions().iter().enumerate();
+    let nearest = near.max_by(|a, b| a.1.dot(at).total_cmp(&b.1.dot(at)));
+    let (k, _) = nearest.unwrap();
+    (map.values()[k], map.views()[k])
+}
+
+#[test]
+fn fingers_leave_where_some_views_show_the_ball_without_them() {
+    let truth = crate::common::random_pattern(14, 35);
+    let dot = truth.dots()[0];
+    let others = &truth.dots()[1..];
+    let is_bare = |v: &Vec3| others.iter().all(|d| angle_between(d, v) > 0.2);
+    let beside = |v: &Vec3| (0.2..0.25).contains(&angle_between(&dot, v)) && is_bare(v);
+    let bare = spiral_directions(2000).find(beside).unwrap();
+    // Something dark lies over the dot and the place beside it in two of three frames.
+    let shown: Vec<(PaintedFrame, BallView, Rotation)> =
+        pictures(&truth, &[], &[Vec3::x(), Vec3::y()])
+            .into_iter()
+            .enumerate()
+            .map(|(k, (image, view, rotation))| {
+                let (gray, at) = (image.to_gray(), rotation * dot);
+                let middle = view.project(&at);
+                let reach = 0.45 * view.circle().radius;
+                let is_hidden = |u: usize, v: usize| {
+                    let off = (u as f64 - middle.u).hypot(v as f64 - middle.v);
+                    k % 3 > 0 && at.z > 0.0 && off < reach
+                };
+                let covered = GrayImage::from_fn(gray.width(), gray.height(), |u, v| {
+                    let there = gray.at(u as isize, v as isize);
+                    if is_hidden(u, v) { 0.3 } else { there }
+                });
+                let outline = Outline::given(*view.circle(), Matrix3::zeros());
+                (PaintedFrame::take(&covered, &outline), view, rotation)
+            })
+            .collect();
+    let mut frames: Vec<MappedFrame<'_>> = shown
+        .iter()
+        .map(|(paint, view, rotation)| MappedFrame {
+            paint,
+            view: *view,
+            rotation: Some(*rotation),
+        })
+        .collect();
+    let mut clip = PaintMapper::default().lay_out(&mut frames);
+    let (hidden, all) = value(&clip.map(), &bare);
+    assert!(hidden < -0.2, "{hidden}");
+    clip.find_cover(0.1, 0.2);
+    let map = clip.map();
+    let (light, left) = value(&map, &bare);
+    assert!(light > -0.1, "{light}");
+    assert!(3 * left < 2 * all && left >= 5, "{left} of {all}");
+    let (dark, _) = value(&map, &dot);
+    assert!(dark < -0.3, "{dark}");
 }

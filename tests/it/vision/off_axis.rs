@@ -97,7 +97,11 @@ impl Cast {
         let mut at = seen;
         for _ in 0..30 {
             let shown = distorted(self.distortion, at);
-            at = [at[0] + seen[0] - shown[0], at[1] + seen[1] - shown[1]];
+            let off = [seen[0] - shown[0], seen[1] - shown[1]];
+            at = [at[0] + off[0], at[1] + off[1]];
+            if off[0].hypot(off[1]) < 1e-14 {
+                break;
+            }
         }
         let ray = Vec3::new(at[0], -at[1], -1.0).normalize();
         let along = ray.dot(&self.center);
@@ -113,7 +117,7 @@ impl Cast {
             };
         }
         let normal = ray * (along - inside.sqrt()) - self.center;
-        let is_dot = dots.iter().any(|d| d.angle(&normal) < DOT_RAD);
+        let is_dot = dots.iter().any(|d| d.dot(&normal) > DOT_RAD.cos());
         let albedo = if is_dot { 0.1 } else { 0.75 };
         albedo * lit(&normal)
     }
