@@ -33,6 +33,7 @@ use std::borrow::Borrow;
 use super::config::CalibrationConfig;
 use super::result::{Calibration, DotState};
 use crate::error::Result;
+use crate::geometry::angle_between;
 use crate::image::RgbImage;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::vision::Budget;
@@ -59,6 +60,8 @@ const PLACED: f64 = 0.9;
 /// A dot's place is known where its standard deviation per axis is no larger, radians: of 787 such dots on 30 plain balls (`bench
 /// calibration-unknown`, seed 36100001) the worst was 0.87 degrees off.
 const KNOWN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
+/// Estimator and pixels that both know a place and differ by more, radians: one of them errs, and neither says which.
+const APART_RAD: f64 = std::f64::consts::PI / 180.0;
 /// What is darker than so much of the middle dot, all over a disc of so many of its radii, is no dot: hands draw none so large, and fingers are larger.
 const COVER: [f64; 2] = [0.2, 1.7];
 /// Views that each place of the ball must have.
@@ -249,7 +252,7 @@ impl UnknownRejection {
 /// showed it when the pattern was built. The estimator knows the outlines better, the pixels are not misled by detections of neighbors.
 ///
 /// # Errors
-/// [`UnknownRejection::Unconfirmed`] where the pixels do not know the place of a dot.
+/// [`UnknownRejection::Unconfirmed`] where the pixels do not know the place of a dot, or the two know it to be elsewhere.
 pub fn confirmed(
     mut calibration: Calibration,
     built: &BuiltPattern,
@@ -263,8 +266,10 @@ pub fn confirmed(
         } else {
             f64::INFINITY
         };
+        let is_apart = angle_between(&dot.direction, &dot.nominal) > APART_RAD;
         match *by_pixels {
             None if is_found => {}
+            Some(_) if is_apart && found_rad <= KNOWN_RAD => dots += 1,
             Some(sigma_rad) if sigma_rad <= KNOWN_RAD && found_rad <= sigma_rad => {}
             Some(sigma_rad) if sigma_rad <= KNOWN_RAD => {
                 dot.state = DotState::Measured;

@@ -43,19 +43,10 @@ pub struct MappedFrame<'a> {
 }
 
 /// Makes maps.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct PaintMapper {
     grid: Grid,
     maker: BareFaceMaker,
-}
-
-impl Default for PaintMapper {
-    fn default() -> Self {
-        Self {
-            grid: Grid::default(),
-            maker: BareFaceMaker::default(),
-        }
-    }
 }
 
 impl PaintMapper {
