@@ -506,7 +506,7 @@ impl<'a> Rounds<'a> {
         };
         let ball =
             Ball::new(Pattern::new(dots)?).with_calibration(covariances.collect(), record)?;
-        // Outlines that are all off by the same make up for that in no single frame.
+        // What all outlines are off the fit knows, and no single frame does.
         for outline in self.frames.iter_mut().filter_map(|f| f.outline.as_mut()) {
             outline.circle = outline.circle.shifted(&summary.outline_shift);
         }

@@ -65,7 +65,7 @@ pub struct Face {
     /// Standard deviation of the outline's center over the radius: turns about x and y that it feigns, radians.
     center_sigma: f64,
     /// What hides the ball, one a value; empty where that is not known.
-    covered: Vec<bool>,
+    pub(super) covered: Vec<bool>,
 }
 
 /// Values over the ball's near side, as a [`Face`] has them.
@@ -208,8 +208,8 @@ impl Face {
         STEP * bilinear(&self.values, self.side, direction.x, direction.y)
     }
 
-    /// Looks for what hides the ball: what is darker than this value and larger than a disc of so many radians.
-    pub(super) fn find_cover(&mut self, darkest: f64, radius: f64) {
+    /// What hides the ball, one a value: what is darker than this value and larger than a disc of so many radians.
+    pub(super) fn cover(&self, darkest: f64, radius: f64) -> Vec<bool> {
         let along = |cell: usize| 2.0 * (cell as f64 + 0.5) / self.side as f64 - 1.0;
         let limb = 1.0 - self.horizon * self.horizon;
         let is_light = |(at, value): (usize, &i8)| {
@@ -217,7 +217,7 @@ impl Face {
             STEP * f64::from(*value) > darkest && x * x + y * y < limb
         };
         let light: Vec<bool> = self.values.iter().enumerate().map(is_light).collect();
-        self.covered = opened(&light, self.side, 0.5 * self.side as f64 * radius);
+        opened(&light, self.side, 0.5 * self.side as f64 * radius)
     }
 
     /// Whether something hides the ball at a direction of the view frame that is in sight.

@@ -118,11 +118,15 @@ impl MappedClip {
 
     /// Looks for what hides the ball in the frames: what is so much darker than the bare ball, over that, and larger than a disc of so many radians.
     pub fn find_cover(&mut self, darkness: f64, radius: f64) {
-        self.faces = concurrency::map(&self.faces, |face| {
-            let mut face = face.clone()?;
-            face.find_cover((1.0 - darkness).max(1e-3).ln(), radius);
-            Some(face)
+        let darkest = (1.0 - darkness).max(1e-3).ln();
+        let covers = concurrency::map(&self.faces, |face| {
+            face.as_ref().map(|f| f.cover(darkest, radius))
         });
+        for (face, cover) in self.faces.iter_mut().zip(covers) {
+            if let (Some(face), Some(cover)) = (face, cover) {
+                face.covered = cover;
+            }
+        }
     }
 
     /// Whether something hides the ball in a frame, at a direction of its view frame that is in sight.
