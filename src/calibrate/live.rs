@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 use super::calibrate;
 use super::config::CalibrationConfig;
 use super::identify::identify_frames;
+use super::result::Calibration;
 use super::unknown::{BuiltPattern, SurfaceObserver, Survey, confirmed, survey};
 use crate::ball::Ball;
 use crate::error::{Error, Result};
@@ -43,6 +44,8 @@ pub struct LiveClip<D: DotDetector> {
 pub struct LivePattern {
     /// The pattern.
     pub built: BuiltPattern,
+    /// Its calibration by these frames.
+    pub calibration: Calibration,
     /// The clip's frames, identified with it.
     pub frames: Vec<FrameEstimate>,
     /// Their times.
@@ -143,10 +146,13 @@ impl<D: DotDetector> LiveClip<D> {
         let times = Some(&self.times_s[..]);
         let found = calibrate(&built.pattern, &frames, times, &self.config)?;
         let found = found.map_err(|r| r.to_string());
-        let found =
-            found.and_then(|c| confirmed(c, &built, &self.config).map_err(|r| r.to_string()));
-        Ok(found.map(|_| LivePattern {
+        let shown = Some(&self.shown[..]);
+        let found = found.and_then(|c| {
+            confirmed(c, &built, shown, times, &self.config).map_err(|r| r.to_string())
+        });
+        Ok(found.map(|calibration| LivePattern {
             built,
+            calibration,
             frames,
             times_s: self.times_s.clone(),
         }))

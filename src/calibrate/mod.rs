@@ -62,6 +62,7 @@ mod identify;
 pub mod live;
 mod looks;
 mod marks;
+mod pixels;
 mod presence;
 mod result;
 mod rounds;

@@ -18,7 +18,6 @@ mod contrast;
 mod coverage;
 mod design;
 mod kinds;
-mod landmarks;
 mod looks;
 mod map;
 mod marks;
@@ -30,8 +29,10 @@ mod tidy;
 
 use std::borrow::Borrow;
 
+use super::bundle::{FrameView, Observation};
 use super::config::CalibrationConfig;
-use super::result::{Calibration, DotState};
+use super::pixels::{Landmark, PosedFrame, by_pixels};
+use super::result::{CalibratedDot, Calibration, DotState};
 use crate::error::Result;
 use crate::geometry::angle_between;
 use crate::image::RgbImage;
@@ -108,6 +109,8 @@ pub struct BuiltPattern {
     /// For each dot the standard deviation of its place per tangent axis, radians, infinite where hardly any frame shows it; `None` where no pixels
     /// were looked at.
     pub sigmas_rad: Vec<Option<f64>>,
+    /// Their angular radii, radians; empty where no pixels were looked at.
+    pub radii_rad: Vec<f64>,
     /// Share of the ball's surface that hardly any frame shows: a dot there is not in the pattern.
     pub blind: f64,
 }
@@ -248,42 +251,90 @@ impl UnknownRejection {
     }
 }
 
-/// The calibration of a built pattern, with each dot where it is known best: where the estimator has found it, or where the pixels of the frames
-/// showed it when the pattern was built. The estimator knows the outlines better, the pixels are not misled by detections of neighbors.
+/// The calibration of a built pattern, with each dot where it is known best: where the estimator has found it, or where the pixels of its frames
+/// show it. `shown` is what they show, as [`build_pattern`] was given it, and `times_s` their times in seconds, where all are known. The pixels are not misled by detections of neighbors.
 ///
 /// # Errors
 /// [`UnknownRejection::Unconfirmed`] where the pixels do not know the place of a dot, or the two know it to be elsewhere.
-pub fn confirmed(
+pub fn confirmed<F: Borrow<PaintedFrame>>(
     mut calibration: Calibration,
     built: &BuiltPattern,
+    shown: Option<&[F]>,
+    times_s: Option<&[f64]>,
     config: &CalibrationConfig,
 ) -> std::result::Result<Calibration, UnknownRejection> {
-    let (mut dots, found) = (0, calibration.dots.len());
-    for (dot, by_pixels) in calibration.dots.iter_mut().zip(&built.sigmas_rad) {
-        let is_found = matches!(dot.state, DotState::Measured | DotState::Doubtful);
-        let found_rad = if is_found {
-            dot.sigma_rad()
-        } else {
-            f64::INFINITY
+    let found = calibration.dots.len();
+    let landmarks = match shown {
+        Some(shown) => landmarks(&calibration, built, shown, times_s, config),
+        None => None,
+    };
+    let is_known =
+        |dot: &CalibratedDot| matches!(dot.state, DotState::Measured | DotState::Doubtful);
+    let Some(landmarks) = landmarks else {
+        let dots = calibration.dots.iter().filter(|d| !is_known(d)).count();
+        return match dots {
+            0 => Ok(calibration),
+            _ => Err(UnknownRejection::Unconfirmed { dots, found }),
         };
-        let is_apart = angle_between(&dot.direction, &dot.nominal) > APART_RAD;
-        match *by_pixels {
-            None if is_found => {}
-            Some(_) if is_apart && found_rad <= KNOWN_RAD => dots += 1,
-            Some(sigma_rad) if sigma_rad <= KNOWN_RAD && found_rad <= sigma_rad => {}
-            Some(sigma_rad) if sigma_rad <= KNOWN_RAD => {
+    };
+    let mut dots = 0;
+    for (dot, landmark) in calibration.dots.iter_mut().zip(&landmarks) {
+        let found_rad = match is_known(dot) {
+            true => dot.sigma_rad(),
+            false => f64::INFINITY,
+        };
+        let sigma_rad = landmark.known_to();
+        let is_apart = angle_between(&dot.direction, &landmark.direction) > APART_RAD;
+        match () {
+            () if sigma_rad > KNOWN_RAD || is_apart && found_rad <= KNOWN_RAD => dots += 1,
+            () if found_rad <= sigma_rad => {}
+            () => {
                 dot.state = DotState::Measured;
-                dot.direction = dot.nominal;
+                dot.direction = landmark.direction;
                 let variance = sigma_rad.powi(2) + config.shared_sigma_rad.powi(2);
                 dot.covariance = Matrix2::from_diagonal_element(variance);
             }
-            _ => dots += 1,
         }
     }
     match dots {
         0 => Ok(calibration),
         _ => Err(UnknownRejection::Unconfirmed { dots, found }),
     }
+}
+
+/// The dots of a calibration by the pixels of its frames.
+fn landmarks<F: Borrow<PaintedFrame>>(
+    calibration: &Calibration,
+    built: &BuiltPattern,
+    shown: &[F],
+    times_s: Option<&[f64]>,
+    config: &CalibrationConfig,
+) -> Option<Vec<Landmark>> {
+    let camera = &config.estimator.camera;
+    let numbers = calibration.nominal_numbers();
+    let posed = |(k, frame): (usize, &FrameEstimate)| {
+        let pose = frame.pose().filter(|p| p.confidence >= config.trusted)?;
+        let named = frame.dots.iter().zip(&frame.assignment);
+        let detected = named.filter_map(|(dot, name)| {
+            Some(Observation {
+                dot: usize::from(numbers[usize::from((*name)?)]?),
+                pixel: dot.pixel,
+                covariance: dot.covariance,
+            })
+        });
+        Some(PosedFrame {
+            paint: shown[k].borrow(),
+            view: FrameView::of(camera.view_of(frame)?),
+            outline: frame.outline?,
+            rotation: pose.rotation,
+            time_s: times_s.map(|t| t[k]),
+            detected: detected.collect(),
+        })
+    };
+    let frames = calibration.frames.iter().enumerate().filter_map(posed);
+    let dots = calibration.dots.iter().map(|d| d.direction);
+    let dots = dots.zip(built.radii_rad.iter().copied());
+    by_pixels(frames.collect(), dots, camera, config.smooth)
 }
 
 /// Builds the pattern of the ball in a clip from its detections; the poses of the estimates do not matter. `shown` is what the frames

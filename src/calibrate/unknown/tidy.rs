@@ -5,6 +5,7 @@ use nalgebra::Matrix2;
 
 use super::ESTABLISHED;
 use super::map::{MATCH_RAD, Map, MapDot};
+use super::seen::SeenDot;
 use crate::calibrate::bundle::{Bundle, BundleFrame, DotPrior, Observation};
 use crate::geometry::angle_between;
 
@@ -19,35 +20,26 @@ const MIN_NAMED: usize = 2;
 const FREE_SIGMA_RAD: f64 = 0.3;
 
 impl Map<'_> {
-    /// Fits the map and all placed frames together, by the detections.
-    pub fn fit(&mut self) -> Bundle {
-        let detected = |k: usize| self.detected(k).into_iter().map(|(_, o)| o).collect();
-        let observed = (0..self.frames.len()).map(detected).collect();
-        self.fit_to(observed)
-    }
-
-    /// What the detections of a frame show of the map's dots, with their depths.
-    pub fn detected(&self, k: usize) -> Vec<(f64, Observation)> {
+    /// What the detections of a frame show of the map's dots.
+    pub fn detected(&self, k: usize) -> Vec<Observation> {
         let Some(placed) = &self.placed[k] else {
             return Vec::new();
         };
         let seen = &self.frames[k];
         let dots = &self.estimates[seen.index].dots;
         let named = seen.dots.iter().zip(&placed.names);
-        named
-            .filter_map(|(dot, name)| {
-                let observation = Observation {
-                    dot: (*name)?,
-                    pixel: dots[dot.detection].pixel,
-                    covariance: with_floor(&dots[dot.detection].covariance),
-                };
-                Some((dot.depth, observation))
+        let observation = |(dot, name): (&SeenDot, &Option<usize>)| {
+            Some(Observation {
+                dot: (*name)?,
+                pixel: dots[dot.detection].pixel,
+                covariance: with_floor(&dots[dot.detection].covariance),
             })
-            .collect()
+        };
+        named.filter_map(observation).collect()
     }
 
-    /// The same by what the frames show of the dots, one list a frame.
-    pub fn fit_to(&mut self, observed: Vec<Vec<Observation>>) -> Bundle {
+    /// Fits the map and all placed frames together.
+    pub fn fit(&mut self) -> Bundle {
         let priors = self.dots.iter().map(|d| DotPrior {
             direction: d.direction,
             sigma_rad: FREE_SIGMA_RAD,
@@ -55,10 +47,11 @@ impl Map<'_> {
         });
         let mut which = Vec::new();
         let mut frames = Vec::new();
-        for (k, observations) in observed.into_iter().enumerate() {
+        for k in 0..self.frames.len() {
             let Some(placed) = &self.placed[k] else {
                 continue;
             };
+            let observations = self.detected(k);
             // Fewer dots leave an orientation open.
             if observations.len() < MIN_NAMED {
                 continue;

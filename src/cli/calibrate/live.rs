@@ -87,7 +87,7 @@ impl From<LivePattern> for Clip {
     fn from(found: LivePattern) -> Self {
         Self {
             ball: Ball::new(found.built.pattern.clone()),
-            origin: Origin::Clip(found.built),
+            origin: Origin::Live(found.calibration),
             frames: found.frames,
             times_s: Some(found.times_s),
         }

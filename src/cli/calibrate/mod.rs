@@ -109,8 +109,10 @@ struct Clip {
 enum Origin {
     /// A file.
     Design(PathBuf),
-    /// The clip itself.
-    Clip(BuiltPattern),
+    /// The clip itself, with what its frames show of the ball.
+    Clip(BuiltPattern, Vec<PaintedFrame>),
+    /// A clip that was calibrated while it was filmed.
+    Live(Calibration),
 }
 
 /// Directions of the pattern that stands in where none is known: only its detections are used.
@@ -136,23 +138,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let balls = read_balls(&arguments.table)?;
     let set = Replacement::begin(&arguments.output)?;
     let clip = arguments.read(balls, &config)?;
-    let nominal = clip.ball.pattern();
     match &clip.origin {
         Origin::Design(path) if arguments.is_unknown() || arguments.table.len() > 1 => {
             errln!("the ball is drawn from {}", path.display());
         }
-        Origin::Clip(_) if !arguments.table.is_empty() => {
+        Origin::Clip(..) if !arguments.table.is_empty() => {
             errln!("the ball is none of these designs")
         }
         _ => {}
     }
-    let times = clip.times_s.as_deref();
-    let mut calibration =
-        calibrate(nominal, &clip.frames, times, &config)?.map_err(|r| arguments.no_answer(&r))?;
-    if let Origin::Clip(built) = &clip.origin {
-        calibration =
-            confirmed(calibration, built, &config).map_err(|r| arguments.no_answer(&r))?;
-    }
+    let (nominal, times) = (clip.ball.pattern(), clip.times_s.as_deref());
+    let calibration = arguments.calibration(&clip, &config)?;
     errln!("judging the calibration on frames that take no part, and by Monte Carlo");
     let evaluation = CalibrationEvaluationConfig {
         samples: arguments.samples,
@@ -231,6 +227,23 @@ impl Arguments {
             frames,
             times_s,
         })
+    }
+
+    /// The calibration of a clip.
+    fn calibration(&self, clip: &Clip, config: &CalibrationConfig) -> Result<Calibration> {
+        if let Origin::Live(calibration) = &clip.origin {
+            return Ok(calibration.clone());
+        }
+        let times = clip.times_s.as_deref();
+        let found = calibrate(clip.ball.pattern(), &clip.frames, times, config)?;
+        let found = found.map_err(|r| self.no_answer(&r))?;
+        match &clip.origin {
+            Origin::Clip(built, shown) => {
+                let confirmed = confirmed(found, built, Some(shown), times, config);
+                confirmed.map_err(|r| self.no_answer(&r))
+            }
+            _ => Ok(found),
+        }
     }
 
     /// The frames with their times.
@@ -323,7 +336,7 @@ impl Arguments {
             .and_then(|k| Some((balls.into_iter().nth(k)?, self.table[k].clone())));
         Ok(match known {
             Some((ball, path)) => (ball, Origin::Design(path)),
-            None => (Ball::new(built.pattern.clone()), Origin::Clip(built)),
+            None => (Ball::new(built.pattern.clone()), Origin::Clip(built, shown)),
         })
     }
 }

@@ -208,10 +208,12 @@ fn one(looks: &SynthConfig, habits: Habits, seed: u64, k: u64, counted: bool) ->
             let times: Vec<f64> = (0..clip.frames()).map(|k| k as f64 / clip.fps).collect();
             match calibrate(&built.pattern, &frames, Some(&times), &config)? {
                 Err(rejection) => Built::Rejected(rejection.to_string()),
-                Ok(calibration) => match confirmed(calibration, &built, &config) {
-                    Err(rejection) => Built::Rejected(rejection.to_string()),
-                    Ok(confirmed) => judged(&confirmed.pattern()?, &clip.truth, &shown.hidden)?,
-                },
+                Ok(calibration) => {
+                    match confirmed(calibration, &built, Some(&taken), Some(&times), &config) {
+                        Err(rejection) => Built::Rejected(rejection.to_string()),
+                        Ok(confirmed) => judged(&confirmed.pattern()?, &clip.truth, &shown.hidden)?,
+                    }
+                }
             }
         }
     };
