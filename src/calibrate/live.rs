@@ -9,7 +9,7 @@ use super::calibrate;
 use super::config::CalibrationConfig;
 use super::identify::identify_frames;
 use super::result::Calibration;
-use super::unknown::{BuiltPattern, SurfaceObserver, Survey, confirmed, survey};
+use super::unknown::{BuiltPattern, KnownDots, SurfaceObserver, Survey, confirmed, survey};
 use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::image::Picture;
@@ -29,7 +29,7 @@ pub struct LiveClip<D: DotDetector> {
     estimator: Estimator<D>,
     workspace: EstimatorWorkspace<D::Workspace>,
     config: CalibrationConfig,
-    expected_dots: Option<usize>,
+    known: KnownDots,
     frames: Vec<FrameEstimate>,
     shown: Vec<PaintedFrame>,
     times_s: Vec<f64>,
@@ -54,16 +54,12 @@ pub struct LivePattern {
 
 impl<D: DotDetector> LiveClip<D> {
     /// A clip without frames yet. The estimator's pattern stands in for the ball's: only its detections are used.
-    pub fn new(
-        estimator: Estimator<D>,
-        expected_dots: Option<usize>,
-        config: CalibrationConfig,
-    ) -> Self {
+    pub fn new(estimator: Estimator<D>, known: KnownDots, config: CalibrationConfig) -> Self {
         Self {
             workspace: estimator.workspace(),
             estimator,
             config,
-            expected_dots,
+            known,
             frames: Vec::new(),
             shown: Vec::new(),
             times_s: Vec::new(),
@@ -97,9 +93,9 @@ impl<D: DotDetector> LiveClip<D> {
         if self.at_work.is_none() && self.frames.len() >= due {
             self.surveyed = self.frames.len();
             let (frames, shown) = (self.frames.clone(), self.shown.clone());
-            let (expected, config) = (self.expected_dots, self.config.clone());
+            let (known, config) = (self.known.clone(), self.config.clone());
             let work = std::thread::Builder::new()
-                .spawn(move || survey(&frames, &shown, expected, &config))
+                .spawn(move || survey(&frames, &shown, &known, &config))
                 .map_err(|e| Error::Internal(format!("no thread for a survey: {e}")))?;
             self.at_work = Some(work);
         }
@@ -133,7 +129,7 @@ impl<D: DotDetector> LiveClip<D> {
                 return Ok(survey);
             }
         }
-        survey(&self.frames, &self.shown, self.expected_dots, &self.config)
+        survey(&self.frames, &self.shown, &self.known, &self.config)
     }
 
     /// The pattern that a survey has built, where a calibration by all frames so far confirms it; else why it does not.

@@ -76,8 +76,9 @@ pub use identify::identify_frames;
 pub use presence::MIN_EXPECTED_VIEWS;
 pub use result::{CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark};
 pub use unknown::{
-    BuiltPattern, MissingSide, Side, SurfaceObserver, Survey, UnknownRejection, build_pattern,
-    confirmed, matching_design, survey,
+    BuiltPattern, KnownDots, MarkKind, MarkedSurface, MissingSide, Side, SurfaceMark,
+    SurfaceObserver, SurfacePlace, Survey, UnknownRejection, build_pattern, confirmed,
+    matching_design, survey,
 };
 
 use crate::error::{Error, Result};

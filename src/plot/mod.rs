@@ -19,6 +19,8 @@ mod places;
 mod recognition;
 mod solid;
 mod stencil;
+#[cfg(feature = "vision")]
+mod surface;
 mod values;
 
 pub use ball::{BallDrawing, VIEWS_SIZE, pattern_views};
@@ -36,6 +38,8 @@ pub use overlay::{
 };
 pub use recognition::{RECOGNITION_VIEW_SIZE, RecognitionView, recognition_views};
 pub use stencil::{STENCIL_SIZE, stencil_views};
+#[cfg(feature = "vision")]
+pub use surface::{SURFACE_SIZE, surface_views};
 pub use values::{ValuePlot, ValuePoint, ValueSeries, value_curves};
 
 use crate::error::{Error, Result};

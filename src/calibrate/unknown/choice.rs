@@ -1,13 +1,13 @@
 //! Which of a ball's marks are taken for its dots, where that is clear.
 //!
 //! Nothing may be in doubt, and no dot may be hidden: the expected number of dots where no view shows the surface, or where fingers cover it in most views,
-//! must be small. A number of dots that is known decides for the likeliest, where these stand out.
+//! must be small. Where it is in doubt a person who looks at the ball's surface can say which marks are its dots; a number of dots only checks.
 
 use super::UnknownRejection;
 use super::kinds::Kind;
 use super::map::MapDot;
 use super::surface::Surface;
-use crate::geometry::Vec3;
+use crate::geometry::{Vec3, angle_between};
 
 /// Largest expected number of dots where no view shows the surface.
 const MAX_HIDDEN: f64 = 0.03;
@@ -18,11 +18,20 @@ const COVERED: f64 = 0.35;
 const WHOLE: f64 = 0.7;
 const BEYOND: [f64; 2] = [2.2, 0.04];
 const MAX_COVERED: f64 = 0.15;
-/// Where the number of dots is known, the last of them has this likeness at least, and so much more than the next candidate. Of 15 printed balls drawn by
-/// the guide (`bench calibration-unknown --guided`, seeds 36100005 and 36100006) the likeliest were the dots on all six that this holds for; a gap of
-/// 0.22 was between 18 dots and print.
-const LIKELY: f64 = 0.5;
-const CLEAR: f64 = 0.4;
+/// A mark so near a place that is said to be a dot, radians, is that dot.
+const SAID_RAD: f64 = 0.02;
+
+/// What is known of a ball's dots before its clip is looked at.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum KnownDots {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// Their number.
+    Number(usize),
+    /// Which of the marks of an earlier survey of this clip they are, by their directions there.
+    Marks(Vec<Vec3>),
+}
 
 /// What may be a dot.
 #[derive(Debug, Clone, Copy)]
@@ -30,7 +39,7 @@ pub(super) struct Candidate {
     pub dot: MapDot,
     /// Its angular radius, radians.
     pub radius: f64,
-    /// What the detector takes it for, over the middle dot; half of that for what is no disc.
+    /// What the detector takes it for, over the middle dot.
     pub likeness: f64,
     pub kind: Kind,
 }
@@ -38,7 +47,10 @@ pub(super) struct Candidate {
 /// What may be a dot on a ball.
 #[derive(Debug)]
 pub(super) struct Candidates {
+    /// The likeliest first, what is none last.
     pub dots: Vec<Candidate>,
+    /// Share of the surface that no view shows.
+    pub blind: f64,
     /// Radius, radians, and darkness of the middle dot.
     pub radius: f64,
     pub darkness: f64,
@@ -72,47 +84,68 @@ impl From<UnknownRejection> for Unclear {
 }
 
 impl Candidates {
-    /// The dots. `blind` is the share of the surface that no view shows, `expected` their number where it is known.
+    /// The dots.
     ///
     /// # Errors
     /// What is in doubt.
-    pub fn dots(
-        &self,
-        surface: &Surface,
-        blind: f64,
-        expected: Option<usize>,
-    ) -> Result<Vec<Candidate>, Unclear> {
+    pub fn dots(&self, surface: &Surface, known: &KnownDots) -> Result<Vec<Candidate>, Unclear> {
         let of = |kind: Kind| self.dots.iter().filter(move |c| c.kind == kind).copied();
+        if let KnownDots::Marks(said) = known {
+            return self.said(said);
+        }
         if let Some(away) = of(Kind::TurnedAway).next() {
             let dots = of(Kind::TurnedAway).count();
             let rejection = UnknownRejection::TurnedAway { dots };
             return Err(Unclear::about(rejection, away.dot.direction));
         }
         let (sure, doubtful) = (of(Kind::Dot).count(), of(Kind::Doubtful).count());
-        if blind * sure as f64 > MAX_HIDDEN {
-            return Err(UnknownRejection::NotCovered { blind }.into());
+        self.check_blind(sure)?;
+        if self.is_printed {
+            return Err(UnknownRejection::Printed { sure, doubtful }.into());
         }
-        if !self.is_printed {
-            let covered = self.covered(surface);
-            let share = covered.len() as f64 / surface.places.len() as f64;
-            if let Some(first) = covered.first()
-                && share * sure as f64 > MAX_COVERED
-            {
-                let blind = blind + share;
-                return Err(Unclear::about(
-                    UnknownRejection::NotCovered { blind },
-                    *first,
-                ));
+        let covered = self.covered(surface);
+        let share = covered.len() as f64 / surface.places.len() as f64;
+        if let Some(first) = covered.first()
+            && share * sure as f64 > MAX_COVERED
+        {
+            let blind = self.blind + share;
+            return Err(Unclear::about(
+                UnknownRejection::NotCovered { blind },
+                *first,
+            ));
+        }
+        match *known {
+            KnownDots::Number(expected) if expected != sure => {
+                let found = sure + doubtful;
+                Err(UnknownRejection::WrongNumber { expected, found }.into())
             }
+            KnownDots::Nothing if doubtful > 0 => {
+                Err(UnknownRejection::Doubtful { sure, doubtful }.into())
+            }
+            _ => Ok(of(Kind::Dot).collect()),
         }
-        let found = sure + doubtful;
-        match expected {
-            None if self.is_printed => Err(UnknownRejection::Printed { sure, doubtful }.into()),
-            None if doubtful == 0 => Ok(of(Kind::Dot).collect()),
-            None => Err(UnknownRejection::Doubtful { sure, doubtful }.into()),
-            Some(expected) if expected == sure && !self.is_printed => Ok(of(Kind::Dot).collect()),
-            Some(expected) => likeliest(&self.dots, expected)
-                .ok_or(UnknownRejection::WrongNumber { expected, found }.into()),
+    }
+
+    /// The marks that are said to be the dots.
+    fn said(&self, said: &[Vec3]) -> Result<Vec<Candidate>, Unclear> {
+        self.check_blind(said.len())?;
+        let at = |place: &Vec3| {
+            let near = |c: &&Candidate| angle_between(&c.dot.direction, place) < SAID_RAD;
+            self.dots.iter().find(near).copied()
+        };
+        let dots: Vec<Candidate> = said.iter().filter_map(at).collect();
+        match said.len() - dots.len() {
+            0 => Ok(dots),
+            marks => Err(UnknownRejection::OtherMarks { marks }.into()),
+        }
+    }
+
+    /// Whether one of so many dots may lie where no view shows the surface.
+    fn check_blind(&self, dots: usize) -> Result<(), UnknownRejection> {
+        let blind = self.blind;
+        match blind * dots as f64 > MAX_HIDDEN {
+            true => Err(UnknownRejection::NotCovered { blind }),
+            false => Ok(()),
         }
     }
 
@@ -122,14 +155,4 @@ impl Candidates {
         let known = known.map(|c| (c.dot.direction, BEYOND[0] * c.radius + BEYOND[1]));
         surface.dark(known, COVERED * self.darkness, WHOLE * self.radius)
     }
-}
-
-/// So many of these candidates that are likelier dots than all others, where that is clear.
-fn likeliest(dots: &[Candidate], count: usize) -> Option<Vec<Candidate>> {
-    let mut sorted = dots.to_vec();
-    sorted.sort_by(|a, b| b.likeness.total_cmp(&a.likeness));
-    let last = sorted.get(count.checked_sub(1)?)?.likeness;
-    let next = sorted.get(count).map_or(0.0, |c| c.likeness);
-    sorted.truncate(count);
-    (last >= LIKELY && last - next >= CLEAR).then_some(sorted)
 }

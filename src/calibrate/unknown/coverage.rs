@@ -1,5 +1,6 @@
 //! Whether a map is a pattern: most frames hang together, and they show the whole ball.
 
+use super::choice::{Candidates, KnownDots};
 use super::map::{Map, NEW_DEPTH};
 use super::surface::Surface;
 use super::{BuiltPattern, MIN_VIEWS, UnknownRejection};
@@ -49,20 +50,38 @@ impl Map<'_> {
         Ok(())
     }
 
-    /// The pattern, or what is missing for one.
-    pub fn finish(
-        &mut self,
+    /// What may be a dot of the ball.
+    ///
+    /// # Errors
+    /// Where too little tells what a dot looks like.
+    pub fn judge(
+        &self,
         surface: &Surface,
         shown: &[&PaintedFrame],
-        expected: Option<usize>,
-    ) -> std::result::Result<BuiltPattern, UnknownRejection> {
+    ) -> std::result::Result<Candidates, UnknownRejection> {
         let (marks, radius) = self.marks(surface);
         let blind = surface.unseen(SHOWS * radius);
         let contrasts = self.contrasts(shown, surface, &marks);
-        let radii = self.keep_dots((&marks, &contrasts), surface, blind, expected)?;
+        self.candidates((&marks, &contrasts), surface, blind)
+    }
+
+    /// The pattern of the dots among what may be some, or what is missing for one.
+    pub fn finish(
+        &mut self,
+        candidates: &Candidates,
+        surface: &Surface,
+        shown: &[&PaintedFrame],
+        known: &KnownDots,
+    ) -> std::result::Result<BuiltPattern, UnknownRejection> {
+        let kept = candidates.dots(surface, known).map_err(|unclear| {
+            self.lacking = unclear.lacking.or(self.lacking);
+            unclear.rejection
+        })?;
+        self.keep(&kept);
         self.fit();
         self.rename();
-        let found = self.dots.len();
+        let (blind, found) = (candidates.blind, kept.len());
+        let radii: Vec<f64> = kept.iter().map(|c| c.radius).collect();
         let landmarks = self
             .landmarks(shown, &radii)
             .ok_or(UnknownRejection::NotCovered { blind })?;

@@ -3,7 +3,7 @@
 //! Three witnesses: the surface shows a disc, single frames show it dark, and the detector finds a dot there in the views that face it. Dots are of one pen:
 //! of one size and one darkness, within what a hand makes of it. On a ball without print a disc that many frames show is a dot, and so is
 //! what the detector sees and the surface does not contradict; what neither shows is none, and between them a mark is *doubtful*. Where there is
-//! print, it may have discs too: there the number of dots must be known, and so many must be clearly likelier dots to the detector than all else.
+//! print, it may have discs too: there a person must say which marks are the dots.
 
 use super::choice::{Candidate, Candidates};
 use super::contrast::Contrast;
@@ -69,14 +69,29 @@ struct Typical {
     contrast: f64,
 }
 
-/// What a mark is.
+/// What a mark of a ball is taken for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub enum Kind {
+    /// A dot.
     Dot,
+    /// A dot or print.
     Doubtful,
     /// It may be a dot, and hardly any view faces it.
     TurnedAway,
+    /// Print, a stain or the shadow of a finger.
     Other,
+}
+
+impl Kind {
+    /// The name in files.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Dot => "dot",
+            Self::Doubtful => "doubtful",
+            Self::TurnedAway => "turned_away",
+            Self::Other => "other",
+        }
+    }
 }
 
 /// A mark and what the detector sees there.
@@ -97,15 +112,16 @@ impl Witnessed<'_> {
 }
 
 impl Map<'_> {
-    /// Makes the dots among the marks the map's only ones, and says how large each is, radians. `blind` is the share of the surface that no view
-    /// shows.
-    pub fn keep_dots(
-        &mut self,
+    /// What may be a dot among the marks of the surface. `blind` is the share of it that no view shows.
+    ///
+    /// # Errors
+    /// Where too few marks tell what a dot looks like.
+    pub fn candidates(
+        &self,
         (marks, contrasts): (&[Mark], &[Contrast]),
         surface: &Surface,
         blind: f64,
-        expected: Option<usize>,
-    ) -> std::result::Result<Vec<f64>, UnknownRejection> {
+    ) -> std::result::Result<Candidates, UnknownRejection> {
         let joined = self.at_marks(marks);
         let witnessed: Vec<Witnessed<'_>> = (marks.iter().zip(contrasts).zip(joined))
             .map(|((mark, contrast), joined)| Witnessed {
@@ -128,13 +144,15 @@ impl Map<'_> {
         let mut dots: Vec<Candidate> = Vec::new();
         for seen in &witnessed {
             let kind = typical.kind(seen, &print);
+            // What is none and looks like none needs no name.
+            if kind == Kind::Other && !typical.is_sized(seen.mark, ALONE) {
+                continue;
+            }
             let known = seen.joined.map(|j| self.dots[j]);
-            let likeness = typical.likeness(seen).unwrap_or(0.0);
-            let is_disc = !seen.mark.is_no_disc();
             dots.push(Candidate {
                 dot: known.unwrap_or_else(|| new_dot(&seen.mark.direction)),
                 radius: seen.mark.radius,
-                likeness: if is_disc { likeness } else { 0.5 * likeness },
+                likeness: typical.likeness(seen).unwrap_or(0.0),
                 kind,
             });
         }
@@ -159,22 +177,24 @@ impl Map<'_> {
                 });
             }
         }
-        let candidates = Candidates {
+        let is_none = |c: &Candidate| c.kind == Kind::Other;
+        dots.sort_by(|a, b| {
+            let likelier = b.likeness.total_cmp(&a.likeness);
+            is_none(a).cmp(&is_none(b)).then(likelier)
+        });
+        Ok(Candidates {
             dots,
+            blind,
             radius: typical.radius,
             darkness: typical.darkness,
             is_printed: !print.is_empty(),
-        };
-        let kept = candidates
-            .dots(surface, blind, expected)
-            .map_err(|unclear| {
-                self.lacking = unclear.lacking.or(self.lacking);
-                unclear.rejection
-            })?;
-        let radii = kept.iter().map(|c| c.radius).collect();
-        self.dots = kept.into_iter().map(|c| c.dot).collect();
+        })
+    }
+
+    /// Makes these dots the map's only ones.
+    pub fn keep(&mut self, dots: &[Candidate]) {
+        self.dots = dots.iter().map(|c| c.dot).collect();
         self.rename();
-        Ok(radii)
     }
 
     /// The mean, over the views that a place faces, of the probability of a dot there; `None` where there is none.

@@ -33,8 +33,8 @@ use super::bundle::{FrameView, Observation};
 use super::config::CalibrationConfig;
 use super::pixels::{Landmark, PosedFrame, by_pixels};
 use super::result::{CalibratedDot, Calibration, DotState};
-use crate::error::Result;
-use crate::geometry::angle_between;
+use crate::error::{Error, Result};
+use crate::geometry::{Rotation, angle_between};
 use crate::image::RgbImage;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::vision::Budget;
@@ -43,12 +43,14 @@ use crate::vision::estimator::{BatchConfig, BatchObserver};
 use crate::vision::painted::PaintedFrame;
 use nalgebra::Matrix2;
 
+pub use choice::KnownDots;
 pub use design::matching_design;
+pub use kinds::Kind as MarkKind;
 use map::Map;
 use marks::{MiddleDisc, marks};
 use seen::Seen;
 use surface::Surface;
-pub use survey::{MissingSide, Side, Survey};
+pub use survey::{MarkedSurface, MissingSide, Side, SurfaceMark, SurfacePlace, Survey};
 
 /// Minimum number of dots of a frame that begins a map.
 const MIN_SEED: usize = 5;
@@ -159,8 +161,7 @@ pub enum UnknownRejection {
     },
     /// Marks that may be dots or print.
     #[error(
-        "{doubtful} marks may be dots or print, beside {sure} that are dots: count the dots on the ball and give \
-         their number (--dots)"
+        "{doubtful} marks may be dots or print, beside {sure} that are dots: say which are the dots (--marks)"
     )]
     Doubtful {
         /// Marks that are dots.
@@ -170,8 +171,8 @@ pub enum UnknownRejection {
     },
     /// Print beside the dots.
     #[error(
-        "there is print on the ball, beside {sure} marks that look like dots and {doubtful} that may be: count the \
-         dots on the ball and give their number (--dots)"
+        "there is print on the ball, beside {sure} marks that look like dots and {doubtful} that may be: say which \
+         are the dots (--marks)"
     )]
     Printed {
         /// Marks that look like dots.
@@ -196,6 +197,8 @@ pub enum UnknownRejection {
         dots: usize,
         /// Dots found.
         found: usize,
+        /// Where the first of them lies.
+        first: Option<MissingSide>,
     },
     /// Dots that the detector rarely finds.
     #[error(
@@ -233,6 +236,12 @@ pub enum UnknownRejection {
         /// Dots found.
         found: usize,
     },
+    /// Marks that are said to be dots and are none of this clip's.
+    #[error("{marks} of the marks that are said to be dots are not on the ball of this clip")]
+    OtherMarks {
+        /// Number of these marks.
+        marks: usize,
+    },
     /// Too few or too many dots for a pattern.
     #[error("the clip shows {found} dots, a pattern has {MIN_DOTS} to {MAX_DOTS}")]
     NoPattern {
@@ -242,6 +251,17 @@ pub enum UnknownRejection {
 }
 
 impl UnknownRejection {
+    /// Whether a person who looks at the ball's surface can say more.
+    pub fn is_of_marks(&self) -> bool {
+        matches!(
+            self,
+            Self::Doubtful { .. }
+                | Self::Printed { .. }
+                | Self::WrongNumber { .. }
+                | Self::OtherMarks { .. }
+        )
+    }
+
     /// Whether a part of the ball is not shown well enough.
     fn is_of_coverage(&self) -> bool {
         matches!(
@@ -270,15 +290,14 @@ pub fn confirmed<F: Borrow<PaintedFrame>>(
     };
     let is_known =
         |dot: &CalibratedDot| matches!(dot.state, DotState::Measured | DotState::Doubtful);
-    let Some(landmarks) = landmarks else {
-        let dots = calibration.dots.iter().filter(|d| !is_known(d)).count();
-        return match dots {
-            0 => Ok(calibration),
-            _ => Err(UnknownRejection::Unconfirmed { dots, found }),
+    let mut unknown = Vec::new();
+    for (j, dot) in calibration.dots.iter_mut().enumerate() {
+        let Some(landmark) = landmarks.as_ref().map(|l| l[j]) else {
+            if !is_known(dot) {
+                unknown.push(dot.direction);
+            }
+            continue;
         };
-    };
-    let mut dots = 0;
-    for (dot, landmark) in calibration.dots.iter_mut().zip(&landmarks) {
         let found_rad = match is_known(dot) {
             true => dot.sigma_rad(),
             false => f64::INFINITY,
@@ -286,7 +305,9 @@ pub fn confirmed<F: Borrow<PaintedFrame>>(
         let sigma_rad = landmark.known_to();
         let is_apart = angle_between(&dot.direction, &landmark.direction) > APART_RAD;
         match () {
-            () if sigma_rad > KNOWN_RAD || is_apart && found_rad <= KNOWN_RAD => dots += 1,
+            () if sigma_rad > KNOWN_RAD || is_apart && found_rad <= KNOWN_RAD => {
+                unknown.push(landmark.direction);
+            }
             () if found_rad <= sigma_rad => {}
             () => {
                 dot.state = DotState::Measured;
@@ -296,10 +317,29 @@ pub fn confirmed<F: Borrow<PaintedFrame>>(
             }
         }
     }
-    match dots {
-        0 => Ok(calibration),
-        _ => Err(UnknownRejection::Unconfirmed { dots, found }),
-    }
+    let Some(first) = unknown.first() else {
+        return Ok(calibration);
+    };
+    let seen = posed(&calibration, config)
+        .map(|(k, _, view, rotation)| (k, view.to_view * rotation * first));
+    Err(UnknownRejection::Unconfirmed {
+        dots: unknown.len(),
+        found,
+        first: MissingSide::of(seen),
+    })
+}
+
+/// The frames of a calibration whose orientation is beyond doubt, with their places in the clip, how they see the ball and how it lies there.
+fn posed<'a>(
+    calibration: &'a Calibration,
+    config: &'a CalibrationConfig,
+) -> impl Iterator<Item = (usize, &'a FrameEstimate, FrameView, Rotation)> + 'a {
+    let frames = calibration.frames.iter().enumerate();
+    frames.filter_map(|(k, frame)| {
+        let pose = frame.pose().filter(|p| p.confidence >= config.trusted)?;
+        let view = FrameView::of(config.estimator.camera.view_of(frame)?);
+        Some((k, frame, view, pose.rotation))
+    })
 }
 
 /// The dots of a calibration by the pixels of its frames.
@@ -310,10 +350,8 @@ fn landmarks<F: Borrow<PaintedFrame>>(
     times_s: Option<&[f64]>,
     config: &CalibrationConfig,
 ) -> Option<Vec<Landmark>> {
-    let camera = &config.estimator.camera;
     let numbers = calibration.nominal_numbers();
-    let posed = |(k, frame): (usize, &FrameEstimate)| {
-        let pose = frame.pose().filter(|p| p.confidence >= config.trusted)?;
+    let frame = |(k, frame, view, rotation): (usize, &FrameEstimate, FrameView, Rotation)| {
         let named = frame.dots.iter().zip(&frame.assignment);
         let detected = named.filter_map(|(dot, name)| {
             Some(Observation {
@@ -324,37 +362,49 @@ fn landmarks<F: Borrow<PaintedFrame>>(
         });
         Some(PosedFrame {
             paint: shown[k].borrow(),
-            view: FrameView::of(camera.view_of(frame)?),
+            view,
             outline: frame.outline?,
-            rotation: pose.rotation,
+            rotation,
             time_s: times_s.map(|t| t[k]),
             detected: detected.collect(),
         })
     };
-    let frames = calibration.frames.iter().enumerate().filter_map(posed);
+    let frames = posed(calibration, config).filter_map(frame);
     let dots = calibration.dots.iter().map(|d| d.direction);
     let dots = dots.zip(built.radii_rad.iter().copied());
-    by_pixels(frames.collect(), dots, camera, config.smooth)
+    by_pixels(
+        frames.collect(),
+        dots,
+        &config.estimator.camera,
+        config.smooth,
+    )
 }
 
 /// Builds the pattern of the ball in a clip from its detections; the poses of the estimates do not matter. `shown` is what the frames
-/// show of the ball's surface, one a frame; without it, detections alone say what is a dot. `expected_dots` is the number of dots,
-/// where it is known.
+/// show of the ball's surface, one a frame; without it, detections alone say what is a dot, and nothing but their number may be known.
 ///
 /// # Errors
 /// [`crate::Error::Argument`] for settings outside their domains.
 pub fn build_pattern(
     estimates: &[FrameEstimate],
     shown: Option<&[PaintedFrame]>,
-    expected_dots: Option<usize>,
+    known: &KnownDots,
     config: &CalibrationConfig,
 ) -> Result<std::result::Result<BuiltPattern, UnknownRejection>> {
     if let Some(shown) = shown {
-        return Ok(survey(estimates, shown, expected_dots, config)?.pattern);
+        return Ok(survey(estimates, shown, known, config)?.pattern);
     }
+    let expected = match *known {
+        KnownDots::Nothing => None,
+        KnownDots::Number(number) => Some(number),
+        KnownDots::Marks(_) => {
+            let problem = "expected none without what the frames show of the surface";
+            return Err(Error::argument("marks", problem));
+        }
+    };
     config.check()?;
     let map = grown(estimates, config)?;
-    Ok(map.and_then(|map| map.finish_by_detections(expected_dots)))
+    Ok(map.and_then(|map| map.finish_by_detections(expected)))
 }
 
 /// As [`build_pattern`], with what the clip shows of the ball and what it lacks.
@@ -364,7 +414,7 @@ pub fn build_pattern(
 pub fn survey<F: Borrow<PaintedFrame>>(
     estimates: &[FrameEstimate],
     shown: &[F],
-    expected_dots: Option<usize>,
+    known: &KnownDots,
     config: &CalibrationConfig,
 ) -> Result<Survey> {
     config.check()?;
@@ -376,7 +426,10 @@ pub fn survey<F: Borrow<PaintedFrame>>(
     let dot = MiddleDisc::of(&marks(&covered));
     let surface = covered.uncovered(COVER[0] * dot.darkness, COVER[1] * dot.radius)?;
     let shown: Vec<&PaintedFrame> = shown.iter().map(Borrow::borrow).collect();
-    let pattern = map.finish(&surface, &shown, expected_dots);
+    let candidates = map.judge(&surface, &shown);
+    let marked = candidates.as_ref().ok();
+    let marked = marked.map(|c| MarkedSurface::new(&surface, &c.dots));
+    let pattern = candidates.and_then(|c| map.finish(&c, &surface, &shown, known));
     Ok(Survey {
         frames: estimates.len(),
         placed: map.count(),
@@ -386,6 +439,7 @@ pub fn survey<F: Borrow<PaintedFrame>>(
             Err(rejection) if rejection.is_of_coverage() => map.missing(&surface),
             _ => None,
         },
+        surface: marked,
         pattern,
     })
 }

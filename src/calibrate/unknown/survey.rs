@@ -1,8 +1,9 @@
 //! How much of a ball a clip shows, and where what it lacks lies.
 
+use super::choice::Candidate;
 use super::map::Map;
-use super::surface::{SHOWN, Surface};
-use super::{BuiltPattern, UnknownRejection};
+use super::surface::{Place, SHOWN, Surface};
+use super::{BuiltPattern, MarkKind, UnknownRejection};
 use crate::geometry::{Vec3, angle_between};
 
 /// Of the places that no view shows, one in so many is tried for the middle of the largest hole.
@@ -26,6 +27,8 @@ pub struct Survey {
     pub shown: f64,
     /// Where what the frames lack lies.
     pub missing: Option<MissingSide>,
+    /// The ball's surface with its marks, where the frames hang together and tell what a dot looks like.
+    pub surface: Option<MarkedSurface>,
     /// The pattern, or why there is none yet.
     pub pattern: std::result::Result<BuiltPattern, UnknownRejection>,
 }
@@ -39,7 +42,55 @@ impl Survey {
             dots: 0,
             shown: 0.0,
             missing: None,
+            surface: None,
             pattern: Err(rejection),
+        }
+    }
+}
+
+/// A ball's surface as a clip shows it, in a frame of its own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MarkedSurface {
+    /// Spread evenly.
+    pub places: Vec<SurfacePlace>,
+    /// The marks that are dots or may be, the likeliest first; those that are none and have a dot's size and darkness last.
+    pub marks: Vec<SurfaceMark>,
+}
+
+/// A place of a ball's surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePlace {
+    /// Where it is.
+    pub direction: Vec3,
+    /// How much darker it is than the ball about it, over that; `None` where no view shows it.
+    pub darkness: Option<f32>,
+}
+
+/// A mark of a ball's surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfaceMark {
+    /// Where it is.
+    pub direction: Vec3,
+    /// Its angular radius, radians.
+    pub radius_rad: f64,
+    /// What it is taken for.
+    pub kind: MarkKind,
+}
+
+impl MarkedSurface {
+    pub(super) fn new(surface: &Surface, marks: &[Candidate]) -> Self {
+        let place = |p: &Place| SurfacePlace {
+            direction: p.direction,
+            darkness: (p.views >= SHOWN).then_some(p.darkness),
+        };
+        let mark = |c: &Candidate| SurfaceMark {
+            direction: c.dot.direction,
+            radius_rad: c.radius,
+            kind: c.kind,
+        };
+        Self {
+            places: surface.places.iter().map(place).collect(),
+            marks: marks.iter().map(mark).collect(),
         }
     }
 }
@@ -55,6 +106,21 @@ pub struct MissingSide {
     pub last: usize,
     /// Where it lies in the last frame.
     pub now: Side,
+}
+
+impl MissingSide {
+    /// By the frames in order, and where the side lies in the view frame of each.
+    pub(super) fn of(seen: impl Iterator<Item = (usize, Vec3)>) -> Option<Self> {
+        let seen: Vec<(usize, Vec3)> = seen.collect();
+        let nearest = seen.iter().max_by(|a, b| a.1.z.total_cmp(&b.1.z))?;
+        let last = seen.last()?;
+        Some(Self {
+            nearest: nearest.0,
+            there: Side::of(&nearest.1),
+            last: last.0,
+            now: Side::of(&last.1),
+        })
+    }
 }
 
 /// Where a place lies that frames do not show well enough, seen from the camera.
@@ -105,20 +171,10 @@ impl Map<'_> {
     pub(super) fn missing(&self, surface: &Surface) -> Option<MissingSide> {
         let lacking = self.lacking.or_else(|| largest_hole(surface))?;
         let placed = self.frames.iter().zip(&self.placed);
-        let directions: Vec<(usize, Vec3)> = placed
-            .filter_map(|(seen, placed)| {
-                let direction = seen.to_view() * placed.as_ref()?.rotation * lacking;
-                Some((seen.index, direction))
-            })
-            .collect();
-        let nearest = directions.iter().max_by(|a, b| a.1.z.total_cmp(&b.1.z))?;
-        let last = directions.last()?;
-        Some(MissingSide {
-            nearest: nearest.0,
-            there: Side::of(&nearest.1),
-            last: last.0,
-            now: Side::of(&last.1),
-        })
+        MissingSide::of(placed.filter_map(|(seen, placed)| {
+            let direction = seen.to_view() * placed.as_ref()?.rotation * lacking;
+            Some((seen.index, direction))
+        }))
     }
 }
 

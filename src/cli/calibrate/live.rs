@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use super::{Arguments, Clip, Origin, no_answer};
 use crate::ball::Ball;
 use crate::calibrate::live::{LiveClip, LivePattern};
-use crate::calibrate::{CalibrationConfig, Survey, UnknownRejection};
+use crate::calibrate::{CalibrationConfig, KnownDots, Survey, UnknownRejection};
 use crate::cli::pipe::Pipe;
 use crate::error::{Error, Result};
 use crate::image::DEFAULT_MAX_PIXELS;
@@ -13,7 +13,11 @@ use crate::source::Frame;
 use crate::vision::Prior;
 
 /// Reads frames until they show the whole ball.
-pub(super) fn read(arguments: &Arguments, config: &CalibrationConfig) -> Result<Clip> {
+pub(super) fn read(
+    arguments: &Arguments,
+    known: KnownDots,
+    config: &CalibrationConfig,
+) -> Result<Clip> {
     let (outline, circles) = arguments.images.outlines()?;
     if circles.is_some() {
         let problem = "expected U,V,R with --live, found a table of frames";
@@ -34,7 +38,7 @@ pub(super) fn read(arguments: &Arguments, config: &CalibrationConfig) -> Result<
     )?;
     let answer = "spindoe: no more frames are taken; once more ends at once";
     let stop = crate::cli::interrupt::stop_on_interrupt(answer)?;
-    let mut clip = LiveClip::new(arguments.stand_in(config)?, arguments.dots, config.clone());
+    let mut clip = LiveClip::new(arguments.stand_in(config)?, known, config.clone());
     let mut frame = Frame::default();
     while !stop.load(Ordering::Relaxed) {
         let time_s = match pipe.next_frame(&mut frame) {

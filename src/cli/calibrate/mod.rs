@@ -1,6 +1,7 @@
 //! `spindoe calibrate`: the dots of a ball as they were really drawn, from a clip of it.
 
 mod live;
+mod marks;
 
 use std::path::{Path, PathBuf};
 
@@ -9,8 +10,9 @@ use clap::Args;
 use super::images::{ImageArguments, order_warning, read_balls};
 use crate::ball::Ball;
 use crate::calibrate::{
-    BuiltPattern, Calibration, CalibrationConfig, DotState, SurfaceObserver, calibrate, confirmed,
-    identify_frames, matching_design, survey,
+    BuiltPattern, Calibration, CalibrationConfig, DotState, KnownDots, MissingSide,
+    SurfaceObserver, UnknownRejection, calibrate, confirmed, identify_frames, matching_design,
+    survey,
 };
 use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
@@ -26,6 +28,7 @@ use crate::validate::check_samples;
 use crate::vision::estimator::{BatchConfig, SequenceOutcome, estimate_inputs};
 use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use marks::MarkNumbers;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -60,9 +63,13 @@ pub struct Arguments {
     /// another, PNG, JPEG, PGM or PPM].
     #[arg(long, value_name = "WxH,PIXEL", value_parser = crate::cli::pipe::pipe_format, requires = "live")]
     raw: Option<PipeFormat>,
-    /// Number of dots on the ball, where it is known.
+    /// Number of dots on the ball, where it is known: another number is refused.
     #[arg(long, value_name = "N")]
     dots: Option<usize>,
+    /// Which marks of a ball without a table are its dots, by the numbers in the marks.png of the folder that an earlier run
+    /// on this clip has left there: `0-17,19`.
+    #[arg(long, value_name = "NUMBERS", value_parser = str::parse::<MarkNumbers>, conflicts_with_all = ["table", "dots", "live"])]
+    marks: Option<MarkNumbers>,
     /// The folder to write to.
     #[arg(short, long, value_name = "DIR", default_value = "calibrated")]
     output: PathBuf,
@@ -109,10 +116,18 @@ struct Clip {
 enum Origin {
     /// A file.
     Design(PathBuf),
-    /// The clip itself, with what its frames show of the ball.
-    Clip(BuiltPattern, Vec<PaintedFrame>),
+    /// The clip itself.
+    Clip(BuiltClip),
     /// A clip that was calibrated while it was filmed.
     Live(Calibration),
+}
+
+/// A pattern built from a clip.
+struct BuiltClip {
+    built: BuiltPattern,
+    /// What the frames show of the ball, and their names.
+    shown: Vec<PaintedFrame>,
+    names: Vec<String>,
 }
 
 /// Directions of the pattern that stands in where none is known: only its detections are used.
@@ -136,13 +151,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         check_samples(arguments.samples)?;
     }
     let balls = read_balls(&arguments.table)?;
+    let known = arguments.known()?;
     let set = Replacement::begin(&arguments.output)?;
-    let clip = arguments.read(balls, &config)?;
+    let clip = arguments.read(balls, known, &config)?;
     match &clip.origin {
         Origin::Design(path) if arguments.is_unknown() || arguments.table.len() > 1 => {
             errln!("the ball is drawn from {}", path.display());
         }
-        Origin::Clip(..) if !arguments.table.is_empty() => {
+        Origin::Clip(_) if !arguments.table.is_empty() => {
             errln!("the ball is none of these designs")
         }
         _ => {}
@@ -206,18 +222,27 @@ impl Arguments {
         })
     }
 
+    /// What is said of the dots of a ball without a table.
+    fn known(&self) -> Result<KnownDots> {
+        Ok(match (&self.marks, self.dots) {
+            (Some(numbers), _) => KnownDots::Marks(marks::read(&self.output, numbers)?),
+            (None, Some(number)) => KnownDots::Number(number),
+            (None, None) => KnownDots::Nothing,
+        })
+    }
+
     /// The clip cannot be calibrated.
     fn no_answer(&self, reason: &dyn std::fmt::Display) -> Error {
         no_answer(&self.clip[0], reason)
     }
 
     /// Reads the clip, and identifies its frames with the ball that fits.
-    fn read(&self, balls: Vec<Ball>, config: &CalibrationConfig) -> Result<Clip> {
+    fn read(&self, balls: Vec<Ball>, known: KnownDots, config: &CalibrationConfig) -> Result<Clip> {
         if self.live {
-            return live::read(self, config);
+            return live::read(self, known, config);
         }
         let (ball, origin) = match self.is_unknown() {
-            true => self.unknown_ball(balls, config)?,
+            true => self.unknown_ball(balls, &known, config)?,
             false => return self.best_ball(balls, config),
         };
         let (frames, times_s) = self.estimate(&ball, config)?;
@@ -238,9 +263,15 @@ impl Arguments {
         let found = calibrate(clip.ball.pattern(), &clip.frames, times, config)?;
         let found = found.map_err(|r| self.no_answer(&r))?;
         match &clip.origin {
-            Origin::Clip(built, shown) => {
-                let confirmed = confirmed(found, built, Some(shown), times, config);
-                confirmed.map_err(|r| self.no_answer(&r))
+            Origin::Clip(clip) => {
+                let shown = Some(&clip.shown[..]);
+                let confirmed = confirmed(found, &clip.built, shown, times, config);
+                confirmed.map_err(|r| match r {
+                    UnknownRejection::Unconfirmed {
+                        first: Some(side), ..
+                    } => self.no_answer(&lacking(&r, &side, &clip.names)),
+                    _ => self.no_answer(&r),
+                })
             }
             _ => Ok(found),
         }
@@ -304,7 +335,12 @@ impl Arguments {
     }
 
     /// The pattern built from the clip, or the design that it is.
-    fn unknown_ball(&self, balls: Vec<Ball>, config: &CalibrationConfig) -> Result<(Ball, Origin)> {
+    fn unknown_ball(
+        &self,
+        balls: Vec<Ball>,
+        known: &KnownDots,
+        config: &CalibrationConfig,
+    ) -> Result<(Ball, Origin)> {
         let estimator = self.stand_in(config)?;
         let settings = SurfaceObserver::settings(self.batch()?);
         let batch = estimate_inputs(&estimator, &self.clip, &settings, &SurfaceObserver)?;
@@ -314,17 +350,22 @@ impl Arguments {
             .into_iter()
             .map(|f| (f.estimate, f.kept))
             .unzip();
-        let survey = survey(&frames, &shown, self.dots, config)?;
-        let built = survey.pattern.map_err(|r| match survey.missing {
-            Some(side) => {
-                let (there, frame) = (side.there.words(), &names[side.nearest]);
-                self.no_answer(&format!(
-                    "{r}: what is missing lies {there} in frame {frame}"
-                ))
+        let survey = survey(&frames, &shown, known, config)?;
+        let built = match survey.pattern {
+            Ok(built) => built,
+            Err(rejection) => {
+                let mut reason = match survey.missing {
+                    Some(side) => lacking(&rejection, &side, &names),
+                    None => rejection.to_string(),
+                };
+                if let Some(surface) = &survey.surface {
+                    let picture = marks::write(&self.output, surface)?;
+                    reason += &format!("; {} shows the ball's surface", picture.display());
+                }
+                return Err(self.no_answer(&reason));
             }
-            None => self.no_answer(&r),
-        })?;
-        if self.dots.is_none() {
+        };
+        if *known == KnownDots::Nothing {
             // A stain that looks like a dot is one to every test.
             errln!(
                 "spindoe: {} dots were found: compare that with the ball, and give their number where it differs (--dots)",
@@ -336,9 +377,23 @@ impl Arguments {
             .and_then(|k| Some((balls.into_iter().nth(k)?, self.table[k].clone())));
         Ok(match known {
             Some((ball, path)) => (ball, Origin::Design(path)),
-            None => (Ball::new(built.pattern.clone()), Origin::Clip(built, shown)),
+            None => {
+                let ball = Ball::new(built.pattern.clone());
+                let clip = BuiltClip {
+                    built,
+                    shown,
+                    names,
+                };
+                (ball, Origin::Clip(clip))
+            }
         })
     }
+}
+
+/// Why there is no answer, and where what is missing lies in the frames of these names.
+fn lacking(rejection: &UnknownRejection, side: &MissingSide, names: &[String]) -> String {
+    let (there, frame) = (side.there.words(), &names[side.nearest]);
+    format!("{rejection}: what is missing lies {there} in frame {frame}")
 }
 
 /// The clip of this name cannot be calibrated.

@@ -15,7 +15,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
-use spindoe::calibrate::{CalibrationConfig, build_pattern, calibrate, identify_frames};
+use spindoe::calibrate::{CalibrationConfig, KnownDots, build_pattern, calibrate, identify_frames};
 use spindoe::geometry::{
     Rotation, Vec3, angle_between, kabsch, random_direction, random_rotation, tangent_frame,
 };
@@ -383,7 +383,12 @@ fn build(seed: u64, k: u64, frames: usize) -> Outcome<(bool, f64)> {
     let mut noise = rng.clone();
     noise.set_stream(k + (1 << 32));
     let clip = clip(truth.dots(), frames, &unit_view()?, &mut rng, &mut noise);
-    let built = match build_pattern(&clip.frames, None, None, &CalibrationConfig::default())? {
+    let built = match build_pattern(
+        &clip.frames,
+        None,
+        &KnownDots::Nothing,
+        &CalibrationConfig::default(),
+    )? {
         Ok(built) => built.pattern,
         Err(rejection) => {
             eprintln!("ball {k}, {dots} dots: {rejection}");

@@ -11,7 +11,8 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 use spindoe::calibrate::{
-    BuiltPattern, CalibrationConfig, SurfaceObserver, build_pattern, calibrate, confirmed,
+    BuiltPattern, CalibrationConfig, KnownDots, SurfaceObserver, Survey, calibrate, confirmed,
+    survey,
 };
 use spindoe::geometry::{Vec3, angle_between, spiral_directions};
 use spindoe::synth::SynthConfig;
@@ -78,6 +79,9 @@ pub struct Args {
     /// Give the number of the dots that can be seen.
     #[arg(long)]
     counted: bool,
+    /// Where marks are in doubt say which are dots, as a person does who looks at the ball's surface.
+    #[arg(long, conflicts_with = "counted")]
+    told: bool,
     /// A line for every clip.
     #[arg(long)]
     each: bool,
@@ -96,7 +100,7 @@ impl Args {
         let clips = self.first..self.first + self.clips;
         let judged: Result<Vec<Judged>, String> = clips
             .into_par_iter()
-            .map(|k| one(&looks, habits, self.seed, k, self.counted).map_err(|e| e.to_string()))
+            .map(|k| self.judge(&looks, habits, k).map_err(|e| e.to_string()))
             .collect();
         let judged = judged?;
         let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
@@ -166,72 +170,100 @@ impl Args {
     }
 }
 
-fn one(looks: &SynthConfig, habits: Habits, seed: u64, k: u64, counted: bool) -> Outcome<Judged> {
-    let clip = HandClip::random(looks, habits, seed, k)?;
-    let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
-    let detecting = estimator(&stand_in)?;
-    let mut workspace = detecting.workspace();
-    let mut estimates = Vec::with_capacity(clip.frames());
-    let mut taken = Vec::with_capacity(clip.frames());
-    let shown = clip.show(|seen| {
-        let mut found = FrameEstimate::default();
-        let budget = SurfaceObserver::budget();
-        detecting.estimate(
-            &seen.image,
-            &Prior::default(),
-            &budget,
-            &mut workspace,
-            &mut found,
-        );
-        let shown = found
-            .outline
-            .map(|o| PaintedFrame::take(&seen.image.to_gray(), &o));
-        taken.push(shown.unwrap_or_default());
-        estimates.push(found);
-    })?;
-    let visible = shown.hidden.iter().filter(|h| !**h).count();
-    let config = CalibrationConfig::default();
-    let mut places = Vec::new();
-    let built = match build_pattern(
-        &estimates,
-        Some(&taken),
-        counted.then_some(visible),
-        &config,
-    )? {
-        Err(rejection) => Built::Rejected(rejection.to_string()),
-        Ok(built) => {
-            places = places_deg(&built, &clip.truth)?;
-            let estimator = estimator(&built.pattern)?;
-            let mut workspace = estimator.workspace();
-            let mut frames = Vec::with_capacity(clip.frames());
-            clip.show(|seen| frames.push(alone(&estimator, &seen.image, &mut workspace)))?;
-            let times: Vec<f64> = (0..clip.frames()).map(|k| k as f64 / clip.fps).collect();
-            match calibrate(&built.pattern, &frames, Some(&times), &config)? {
-                Err(rejection) => Built::Rejected(rejection.to_string()),
-                Ok(calibration) => {
-                    match confirmed(calibration, &built, Some(&taken), Some(&times), &config) {
-                        Err(rejection) => Built::Rejected(rejection.to_string()),
-                        Ok(confirmed) => judged(&confirmed.pattern()?, &clip.truth, &shown.hidden)?,
+impl Args {
+    fn judge(&self, looks: &SynthConfig, habits: Habits, k: u64) -> Outcome<Judged> {
+        let clip = HandClip::random(looks, habits, self.seed, k)?;
+        let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
+        let detecting = estimator(&stand_in)?;
+        let mut workspace = detecting.workspace();
+        let mut estimates = Vec::with_capacity(clip.frames());
+        let mut taken = Vec::with_capacity(clip.frames());
+        let shown = clip.show(|seen| {
+            let mut found = FrameEstimate::default();
+            let budget = SurfaceObserver::budget();
+            detecting.estimate(
+                &seen.image,
+                &Prior::default(),
+                &budget,
+                &mut workspace,
+                &mut found,
+            );
+            let shown = found
+                .outline
+                .map(|o| PaintedFrame::take(&seen.image.to_gray(), &o));
+            taken.push(shown.unwrap_or_default());
+            estimates.push(found);
+        })?;
+        let visible = shown.hidden.iter().filter(|h| !**h).count();
+        let config = CalibrationConfig::default();
+        let mut places = Vec::new();
+        let known = match self.counted {
+            true => KnownDots::Number(visible),
+            false => KnownDots::Nothing,
+        };
+        let mut found = survey(&estimates, &taken, &known, &config)?;
+        let is_unclear = found.pattern.as_ref().is_err_and(|r| r.is_of_marks());
+        if self.told
+            && is_unclear
+            && let Some(marks) = told(&found, &clip.truth, &shown.hidden)?
+        {
+            found = survey(&estimates, &taken, &KnownDots::Marks(marks), &config)?;
+        }
+        let built = match found.pattern {
+            Err(rejection) => Built::Rejected(rejection.to_string()),
+            Ok(built) => {
+                places = places_deg(&built, &clip.truth)?;
+                let estimator = estimator(&built.pattern)?;
+                let mut workspace = estimator.workspace();
+                let mut frames = Vec::with_capacity(clip.frames());
+                clip.show(|seen| frames.push(alone(&estimator, &seen.image, &mut workspace)))?;
+                let times: Vec<f64> = (0..clip.frames()).map(|k| k as f64 / clip.fps).collect();
+                match calibrate(&built.pattern, &frames, Some(&times), &config)? {
+                    Err(rejection) => Built::Rejected(rejection.to_string()),
+                    Ok(calibration) => {
+                        match confirmed(calibration, &built, Some(&taken), Some(&times), &config) {
+                            Err(rejection) => Built::Rejected(rejection.to_string()),
+                            Ok(confirmed) => {
+                                judged(&confirmed.pattern()?, &clip.truth, &shown.hidden)?
+                            }
+                        }
                     }
                 }
             }
-        }
+        };
+        Ok(Judged {
+            words: format!(
+                "{} dots of {:.3} rad, {} hidden, {:.0} px, {} frames at {} fps",
+                clip.truth.len(),
+                clip.dot_radius_rad,
+                shown.hidden.iter().filter(|h| **h).count(),
+                clip.ball_px,
+                clip.frames(),
+                clip.fps
+            ),
+            shown: shown.share,
+            shows_dots: shown.all_dots,
+            built,
+            places_deg: places,
+        })
+    }
+}
+
+/// The marks that a person takes for the ball's dots; `None` where they are not all there.
+fn told(found: &Survey, truth: &Pattern, hidden: &[bool]) -> Outcome<Option<Vec<Vec3>>> {
+    let Some(surface) = &found.surface else {
+        return Ok(None);
     };
-    Ok(Judged {
-        words: format!(
-            "{} dots of {:.3} rad, {} hidden, {:.0} px, {} frames at {} fps",
-            clip.truth.len(),
-            clip.dot_radius_rad,
-            shown.hidden.iter().filter(|h| **h).count(),
-            clip.ball_px,
-            clip.frames(),
-            clip.fps
-        ),
-        shown: shown.share,
-        shows_dots: shown.all_dots,
-        built,
-        places_deg: places,
-    })
+    let marks: Vec<Vec3> = surface.marks.iter().map(|m| m.direction).collect();
+    // More marks than a pattern has dots are too many to look through.
+    let Ok(pattern) = Pattern::new(marks.clone()) else {
+        return Ok(None);
+    };
+    let named = named(&pattern, truth)?;
+    let is_there = |j: usize| named.iter().flatten().any(|n| n.number == j);
+    let is_whole = (0..truth.len()).all(|j| hidden[j] || is_there(j));
+    let dots = marks.iter().zip(&named).filter(|(_, n)| n.is_some());
+    Ok((is_whole && !named.is_empty()).then(|| dots.map(|(m, _)| *m).collect()))
 }
 
 /// A dot of the ball.

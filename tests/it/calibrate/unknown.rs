@@ -5,7 +5,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::calibrate::live::LiveClip;
 use spindoe::calibrate::{
-    CalibrationConfig, Side, SurfaceObserver, UnknownRejection, build_pattern, survey,
+    CalibrationConfig, KnownDots, Side, SurfaceObserver, UnknownRejection, build_pattern, survey,
 };
 use spindoe::geometry::{Rotation, Vec3, angle_between, spiral_directions};
 use spindoe::image::{GrayImage, Picture, RawPixel, RgbImage};
@@ -58,7 +58,13 @@ fn patterns_are_built_from_clips_alone() {
             ..ClipConfig::default()
         };
         let clip = detections(truth.dots(), &clip);
-        let found = build_pattern(&clip.frames, None, None, &CalibrationConfig::default()).unwrap();
+        let found = build_pattern(
+            &clip.frames,
+            None,
+            &KnownDots::Nothing,
+            &CalibrationConfig::default(),
+        )
+        .unwrap();
         let built = found.unwrap_or_else(|rejection| panic!("seed {seed}: {rejection}"));
         assert!(built.blind < 0.03, "seed {seed}: {} blind", built.blind);
         let built = built.pattern;
@@ -79,10 +85,10 @@ fn marks_that_look_unlike_the_dots_are_left_out() {
     let mut seen = truth.dots().to_vec();
     seen.push(mark.unwrap());
     for (unlike, expected, dots) in [
-        (vec![16], None, Some(16)),
-        (vec![16], Some(16), Some(16)),
-        (vec![], None, Some(17)),
-        (vec![], Some(18), None),
+        (vec![16], KnownDots::Nothing, Some(16)),
+        (vec![16], KnownDots::Number(16), Some(16)),
+        (vec![], KnownDots::Nothing, Some(17)),
+        (vec![], KnownDots::Number(18), None),
     ] {
         let clip = ClipConfig {
             frames: 160,
@@ -91,7 +97,7 @@ fn marks_that_look_unlike_the_dots_are_left_out() {
         };
         let clip = detections(&seen, &clip);
         let found =
-            build_pattern(&clip.frames, None, expected, &CalibrationConfig::default()).unwrap();
+            build_pattern(&clip.frames, None, &expected, &CalibrationConfig::default()).unwrap();
         assert_eq!(
             found.as_ref().ok().map(|b| b.pattern.len()),
             dots,
@@ -111,7 +117,7 @@ fn what_is_missing_for_a_pattern_is_said() {
     let found = build_pattern(
         &detections(truth.dots(), &short).frames,
         None,
-        None,
+        &KnownDots::Nothing,
         &config,
     )
     .unwrap();
@@ -127,7 +133,7 @@ fn what_is_missing_for_a_pattern_is_said() {
     let found = build_pattern(
         &detections(truth.dots(), &still).frames,
         None,
-        None,
+        &KnownDots::Nothing,
         &config,
     )
     .unwrap();
@@ -136,7 +142,7 @@ fn what_is_missing_for_a_pattern_is_said() {
         "{found:?}"
     );
     let clip = detections(truth.dots(), &ClipConfig::default());
-    let found = build_pattern(&clip.frames, None, Some(19), &config).unwrap();
+    let found = build_pattern(&clip.frames, None, &KnownDots::Number(19), &config).unwrap();
     assert!(
         matches!(found, Err(UnknownRejection::WrongNumber { found: 20, .. })),
         "{found:?}"
@@ -219,7 +225,7 @@ fn a_ball_is_built_from_what_its_frames_show_and_print_is_no_dot() {
     let axes = [Vec3::x(), Vec3::y()];
     let config = CalibrationConfig::default();
     let (frames, shown) = filmed(&truth, &[], &axes);
-    let found = build_pattern(&frames, Some(&shown), None, &config).unwrap();
+    let found = build_pattern(&frames, Some(&shown), &KnownDots::Nothing, &config).unwrap();
     let built = found
         .unwrap_or_else(|rejection| panic!("{rejection}"))
         .pattern;
@@ -234,14 +240,14 @@ fn a_ball_is_built_from_what_its_frames_show_and_print_is_no_dot() {
     let apart = |v: &Vec3| truth.dots().iter().all(|d| angle_between(d, v) > 0.5);
     let free = spiral_directions(500).find(apart).unwrap();
     let (frames, shown) = filmed(&truth, &[mark(free, 0.12, 0.7)], &axes);
-    let found = build_pattern(&frames, Some(&shown), None, &config).unwrap();
+    let found = build_pattern(&frames, Some(&shown), &KnownDots::Nothing, &config).unwrap();
     if let Ok(built) = &found {
         assert_eq!(built.pattern.len(), truth.len(), "the bar is a dot");
     }
 
     // Seen from the sides of one axis only, both ends of which stay in sight.
     let (frames, shown) = filmed(&truth, &[], &[Vec3::z()]);
-    let found = build_pattern(&frames, Some(&shown), None, &config).unwrap();
+    let found = build_pattern(&frames, Some(&shown), &KnownDots::Nothing, &config).unwrap();
     assert!(found.is_err(), "{found:?}");
 }
 
@@ -265,7 +271,7 @@ fn dots_that_run_into_one_mark_are_told_apart_and_measured() {
     let axes = [Vec3::x(), Vec3::y(), Vec3::new(1.0, 1.0, 0.0).normalize()];
     let (frames, shown) = seen_in(pictures_of(&truth, &[], &axes, &looks));
     let config = CalibrationConfig::default();
-    let found = build_pattern(&frames, Some(&shown), None, &config).unwrap();
+    let found = build_pattern(&frames, Some(&shown), &KnownDots::Nothing, &config).unwrap();
     let built = found.unwrap_or_else(|rejection| panic!("{rejection}"));
     let off = worst(&built.pattern, &truth).map(f64::to_degrees);
     assert!(off.is_some_and(|w| w < 1.0), "{off:?} deg, {built:?}");
@@ -280,7 +286,7 @@ fn what_a_clip_does_not_show_is_pointed_out() {
     let truth = crate::common::random_pattern(14, 35);
     let (frames, shown) = filmed(&truth, &[], &[Vec3::y()]);
     let config = CalibrationConfig::default();
-    let found = survey(&frames, &shown, None, &config).unwrap();
+    let found = survey(&frames, &shown, &KnownDots::Nothing, &config).unwrap();
     assert!(found.pattern.is_err(), "{found:?}");
     assert!(found.placed == frames.len(), "{found:?}");
     // About the vertical axis only the poles stay hidden: places nearer to one than asin(0.1), as views show from a depth of 0.1 on, or
@@ -299,7 +305,7 @@ fn what_a_clip_does_not_show_is_pointed_out() {
 fn a_clip_that_grows_ends_when_it_shows_the_whole_ball() {
     let truth = crate::common::random_pattern(14, 35);
     let config = CalibrationConfig::default();
-    let mut clip = LiveClip::new(detecting(), None, config);
+    let mut clip = LiveClip::new(detecting(), KnownDots::Nothing, config);
     let mut surveys = Vec::new();
     let axes = [Vec3::y(), Vec3::x(), Vec3::y()];
     let frames = pictures(&truth, &[], &axes);

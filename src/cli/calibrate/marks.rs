@@ -1,0 +1,88 @@
+//! The marks of a ball without a table: a picture of them, and which of them are said to be its dots.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use crate::calibrate::MarkedSurface;
+use crate::error::{Error, Result};
+use crate::files::csv::{Columns, Table};
+use crate::files::{self};
+use crate::geometry::Vec3;
+use crate::plot::surface_views;
+
+/// The picture, and the marks in it.
+const PICTURE: &str = "marks.png";
+const MARKS: &str = "marks.csv";
+
+static COLUMNS: Columns<5> = Columns {
+    names: ["mark", "x", "y", "z", "taken_for"],
+    required: 0..5,
+};
+
+/// Numbers of marks, in order.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct MarkNumbers(Vec<usize>);
+
+impl FromStr for MarkNumbers {
+    type Err = String;
+
+    /// Numbers and ranges of them, separated by commas.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let mut numbers = Vec::new();
+        for part in text.split(',') {
+            let (first, last) = part.split_once('-').unwrap_or((part, part));
+            let number = |text: &str| text.trim().parse::<u16>().map(usize::from).ok();
+            match (number(first), number(last)) {
+                (Some(first), Some(last)) if first <= last => numbers.extend(first..=last),
+                _ => {
+                    return Err(format!(
+                        "expected numbers such as 0-17,19, found \"{part}\""
+                    ));
+                }
+            }
+        }
+        numbers.sort_unstable();
+        match numbers.windows(2).find(|pair| pair[0] == pair[1]) {
+            Some(pair) => Err(format!("mark {} is given twice", pair[0])),
+            None => Ok(Self(numbers)),
+        }
+    }
+}
+
+/// Writes a ball's marks into a folder; the picture.
+pub(super) fn write(folder: &Path, surface: &MarkedSurface) -> Result<PathBuf> {
+    let picture = folder.join(PICTURE);
+    surface_views(&picture, "The ball as the clip shows it", surface)?;
+    let mut text = COLUMNS.names.join(",") + "\n";
+    for (number, mark) in surface.marks.iter().enumerate() {
+        let [x, y, z] = [mark.direction.x, mark.direction.y, mark.direction.z];
+        text += &format!("{number},{x},{y},{z},{}\n", mark.kind.as_str());
+    }
+    files::write_bytes(&folder.join(MARKS), text.as_bytes())?;
+    Ok(picture)
+}
+
+/// Where the marks of these numbers are that an earlier run has left in a folder.
+pub(super) fn read(folder: &Path, numbers: &MarkNumbers) -> Result<Vec<Vec3>> {
+    let path = folder.join(MARKS);
+    let mut table = Table::new(&path, files::open(&path)?, &COLUMNS)?;
+    let mut marks = Vec::new();
+    while let Some(row) = table.next_row()? {
+        let mut place = [0.0; 3];
+        for (k, value) in place.iter_mut().enumerate() {
+            let number = row.number(1 + k).map_err(|problem| row.error(problem))?;
+            *value = number.ok_or_else(|| row.error("expected a direction x,y,z"))?;
+        }
+        marks.push(Vec3::from(place));
+    }
+    let missing = numbers.0.iter().find(|n| **n >= marks.len());
+    if let Some(number) = missing {
+        let problem = format!(
+            "expected marks of {}, which has {}, found {number}",
+            path.display(),
+            marks.len()
+        );
+        return Err(Error::argument("--marks", problem));
+    }
+    Ok(numbers.0.iter().map(|n| marks[*n]).collect())
+}

@@ -1,0 +1,145 @@
+//! Plot of a ball's surface as a clip shows it, with its marks and their numbers.
+//!
+//! Each half is drawn so that equal areas stay equal (Lambert's azimuthal projection): a place `t` radians from the middle lies `sqrt(2) sin(t / 2)` radii
+//! from it, and marks at the rim are as large as those in the middle.
+
+use std::path::Path;
+
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use plotters::prelude::*;
+use plotters::style::text_anchor::HPos;
+
+use super::ball::{Side, VIEWS_SIZE};
+use super::canvas::{
+    self, Area, Drawn, INK, LABEL, SMALL, picture, px, stroke, styled_text, text, titled,
+};
+use super::places::Places;
+use crate::calibrate::{MarkKind, MarkedSurface, SurfaceMark};
+use crate::error::{Error, Result};
+use crate::geometry::Vec3;
+
+/// Width and height of [`surface_views`]'s picture, pixels.
+pub const SURFACE_SIZE: (u32, u32) = VIEWS_SIZE;
+
+/// Radius of a drawn half, and height of its middle beneath the title, file pixels.
+const RADIUS: f64 = 290.0;
+const CENTER_Y: f64 = 316.0;
+/// The number of drawn pixels on a side that share a color.
+const BLOCK: i32 = canvas::SCALE as i32;
+/// A ring is drawn at so many radii of its mark, and so many file pixels more.
+const RING: [f64; 2] = [1.1, 2.0];
+/// Size of the marks' numbers, file pixels.
+const NUMBER: f64 = 15.0;
+/// The bare ball, and what no view shows, hatched.
+const BARE: f32 = 244.0;
+const UNSEEN: [RGBColor; 2] = [RGBColor(176, 208, 236), RGBColor(206, 226, 244)];
+
+/// Draws both halves of a ball's surface, dark as the clip shows it, with a ring about every mark and its number, counted from 0.
+///
+/// # Errors
+/// [`Error::Write`] where the file cannot be written.
+pub fn surface_views(path: &Path, title: &str, surface: &MarkedSurface) -> Result<()> {
+    let points: Vec<[f64; 3]> = (surface.places.iter())
+        .map(|p| [p.direction.x, p.direction.y, p.direction.z])
+        .collect();
+    let tree: ImmutableKdTree<f64, 3> = ImmutableKdTree::new_from_slice(&points)
+        .map_err(|e| Error::argument("surface", format!("no search tree: {e}")))?;
+    let color = |x: i32, y: i32, place: &Vec3| {
+        let point = [place.x, place.y, place.z];
+        let nearest = tree.query(&point).nearest_one::<SquaredEuclidean<f64>>();
+        let found = &surface.places[nearest.execute().item as usize];
+        match found.darkness {
+            Some(darkness) => {
+                let gray = (BARE * (1.0 - darkness)).clamp(0.0, 255.0) as u8;
+                RGBColor(gray, gray, gray)
+            }
+            None => UNSEEN[usize::from((x + y).rem_euclid(px(12.0)) < px(6.0))],
+        }
+    };
+    picture(path, SURFACE_SIZE, |root| {
+        let area = titled(root, title)?;
+        for (half, side) in area.split_evenly((1, 2)).iter().zip(Side::both()) {
+            draw_half(half, &side, color)?;
+            draw_marks(half, &side, &surface.marks)?;
+            let at = (center(half).0, px(CENTER_Y + RADIUS + 34.0));
+            let caption = if side.is_front() {
+                "one half"
+            } else {
+                "the other half"
+            };
+            text(half, caption, at, HPos::Center, LABEL + 2.0, INK)?;
+        }
+        let note = "blue: a dot; orange: a dot or print; gray: none; hatched: no view shows it";
+        let (width, height) = area.dim_in_pixel();
+        let at = (width as i32 / 2, height as i32 - px(20.0));
+        text(&area, note, at, HPos::Center, SMALL, INK)
+    })
+}
+
+fn center(area: &Area<'_>) -> (i32, i32) {
+    (area.dim_in_pixel().0 as i32 / 2, px(CENTER_Y))
+}
+
+/// Paints the surface.
+fn draw_half(area: &Area<'_>, side: &Side, color: impl Fn(i32, i32, &Vec3) -> RGBColor) -> Drawn {
+    let (cx, cy) = center(area);
+    let radius = px(RADIUS);
+    let steps = radius / BLOCK;
+    for (j, i) in (-steps..=steps).flat_map(|j| (-steps..=steps).map(move |i| (j, i))) {
+        let (x, y) = (
+            f64::from(i) / f64::from(steps),
+            -f64::from(j) / f64::from(steps),
+        );
+        // From the distance `sqrt(2) sin(t / 2)` to `cos(t)` and `sin(t)` over it.
+        let square = x * x + y * y;
+        if square > 1.0 {
+            continue;
+        }
+        let spread = (2.0 - square).sqrt();
+        let place = side.place(&Vec3::new(x * spread, y * spread, 1.0 - square));
+        let painted = color(i, j, &place);
+        for (dy, dx) in (0..BLOCK).flat_map(|dy| (0..BLOCK).map(move |dx| (dy, dx))) {
+            area.draw_pixel((cx + BLOCK * i + dx, cy + BLOCK * j + dy), &painted)?;
+        }
+    }
+    area.draw(&Circle::new((cx, cy), radius, stroke(canvas::GRAY, 1.0)))?;
+    Ok(())
+}
+
+/// Draws the rings about the marks of a half, and their numbers beside them.
+fn draw_marks(area: &Area<'_>, side: &Side, marks: &[SurfaceMark]) -> Drawn {
+    let (cx, cy) = center(area);
+    let mut places = Places::default();
+    let mut shown = Vec::new();
+    for (number, mark) in marks.iter().enumerate() {
+        let at = side.view(&mark.direction);
+        // What the rim cuts is drawn on both halves.
+        if at.z < -mark.radius_rad.sin() {
+            continue;
+        }
+        let flat = f64::from(px(RADIUS)) / (1.0 + at.z).sqrt();
+        let middle = (
+            cx + (flat * at.x).round() as i32,
+            cy - (flat * at.y).round() as i32,
+        );
+        // A small angle is drawn `1 / sqrt(2)` of it long, in radii.
+        let long = f64::from(px(RADIUS)) * mark.radius_rad / std::f64::consts::SQRT_2;
+        let ring = (RING[0] * long).round() as i32 + px(RING[1]);
+        places.keep(middle, ring);
+        shown.push((number, mark.kind, middle, ring));
+    }
+    for (number, kind, middle, ring) in shown {
+        let color = match kind {
+            MarkKind::Dot => canvas::color(0),
+            MarkKind::Doubtful | MarkKind::TurnedAway => canvas::color(1),
+            MarkKind::Other => canvas::color(6),
+        };
+        area.draw(&Circle::new(middle, ring, stroke(color, 1.5)))?;
+        let label = number.to_string();
+        let size = (canvas::text_width(&label, NUMBER), px(NUMBER * 0.72));
+        // Where all is taken, a number over something is better than none.
+        let at = places.beside(middle, ring, size, 0.0).unwrap_or(middle);
+        styled_text(area, &label, at, HPos::Center, canvas::bold(NUMBER), color)?;
+    }
+    Ok(())
+}
