@@ -99,7 +99,9 @@ pub fn find_dots(
             },
             None => CapShape::first(dot.radius, view),
         };
-        if let Some(cap) = caps.fit(&pixels, near, Some(expected)) {
+        let others = dots.iter().enumerate().filter(|(j, _)| *j != i);
+        let others = others.map(|(_, other)| other.direction);
+        if let Some(cap) = caps.fit(&pixels, near, Some(expected), others) {
             shape = Some(cap.shape);
             found[i] = Some(FoundDot {
                 pixel: cap.pixel,
