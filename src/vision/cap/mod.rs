@@ -15,8 +15,7 @@
 //! once it is stored, and off the middle of the ball nearer to it by 0.03 px. All dots of an image share the tone curve, so that
 //! each is fitted with what those before say of it. Nine unknowns: two of `m`, `rho`, `s`, `k`, `l`, two of `g` in the
 //! tangent plane, and `q`; Gauss-Newton with the weights of Student's distribution, so that print and glare beside the dot count
-//! little, and pixels that are nearer to another dot, within its edge or its blur, do not count. The covariance is that of the residuals, and of what
-//! the model leaves out.
+//! little. The covariance is that of the residuals, and of what the model leaves out.
 
 mod disc;
 #[cfg(test)]
@@ -29,7 +28,6 @@ use super::ball_pixels::BallPixels;
 use super::camera::{BallView, Pixel};
 use super::sums::Sums;
 use crate::geometry::{Vec3, tangent_frame};
-use crate::pattern::MAX_DOTS;
 use disc::{DARKEST, Disc, Sample, State};
 pub(super) use tone::{CapShape, Tone};
 
@@ -75,11 +73,6 @@ const LEAST_VARIANCE: f64 = 1e-8;
 /// Variance of the tone curve's bend from dot to dot: what else makes an edge uneven.
 const TONE_DRIFT: f64 = 1e-3;
 
-/// Another dot reaches so many deviations of the blur beyond its edge.
-const BESIDE: f64 = 1.5;
-/// Dots farther away have no pixel about this one, radians.
-const FAR: f64 = 0.8;
-
 /// Number of unknowns of a cap.
 const UNKNOWNS: usize = 9;
 /// And with how its blur is stretched.
@@ -114,8 +107,6 @@ pub struct DotBlur {
 #[derive(Debug)]
 pub(super) struct CapFitter {
     samples: Vec<Sample>,
-    /// Where other dots are.
-    others: Vec<Vec3>,
     /// Where the last fit ended that found a cap.
     converged: Option<Converged>,
 }
@@ -133,7 +124,6 @@ impl Default for CapFitter {
     fn default() -> Self {
         Self {
             samples: Vec::with_capacity(EXPECTED_PIXELS),
-            others: Vec::with_capacity(MAX_DOTS),
             converged: None,
         }
     }
@@ -158,19 +148,15 @@ impl<const N: usize> Equations<N> {
 
 impl CapFitter {
     /// Fits the dot that is seen near a pixel of an image; `None` where there is none
-    /// to be seen. `shape` is that of the ball's other dots, and `others` are where these are, view frame.
+    /// to be seen. `shape` is that of the ball's other dots.
     pub fn fit(
         &mut self,
         pixels: &BallPixels<'_>,
         near: Pixel,
         shape: Option<CapShape>,
-        others: impl Iterator<Item = Vec3>,
     ) -> Option<Cap> {
         self.converged = None;
         let expected = pixels.view.direction(near)?;
-        self.others.clear();
-        let beside = others.filter(|o| (o - expected).norm() < FAR);
-        self.others.extend(beside);
         if let Some(shape) = shape {
             return self.fit_from(pixels, &expected, shape);
         }
@@ -269,13 +255,6 @@ impl CapFitter {
         let stride = (count / MANY_PIXELS).sqrt().ceil().max(1.0) as usize;
         let start = self.start(expected, shape);
         let disc = Disc::new(view, &start, &tangent_frame(expected))?;
-        // Towards the limb a pixel is a larger angle.
-        let reach = radius + BESIDE * blur / (view.circle().radius * expected.z.max(rim));
-        let is_others = |direction: &Vec3| {
-            let own = (direction - expected).norm();
-            let mut others = self.others.iter().map(|o| (direction - o).norm());
-            others.any(|other| other < reach.min(own))
-        };
         self.samples.clear();
         for v in top..=bottom {
             let row = gray.row(v, 0, gray.width());
@@ -293,7 +272,7 @@ impl CapFitter {
                 let is_even = u % stride == 0 && v % stride == 0;
                 let [of_edge, of_surroundings] = disc.beyond(&sample, MARGIN.0);
                 let is_read = is_even || of_edge.abs() <= margin;
-                if is_read && of_surroundings <= margin && !is_others(&direction) {
+                if is_read && of_surroundings <= margin {
                     self.samples.push(sample);
                 }
             }

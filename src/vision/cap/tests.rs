@@ -64,12 +64,7 @@ fn drawn(view: &BallView, middle: &Vec3, radius: f64, blur: f64) -> GrayImage {
 
 fn fitted(gray: &GrayImage, view: &BallView, near: Pixel) -> Option<Cap> {
     let grid = Grid::halved(0);
-    CapFitter::default().fit(
-        &BallPixels { gray, grid, view },
-        near,
-        None,
-        std::iter::empty(),
-    )
+    CapFitter::default().fit(&BallPixels { gray, grid, view }, near, None)
 }
 
 /// To a twentieth: how the blur's width changes around the dot is left out, which moves no fit without residuals.

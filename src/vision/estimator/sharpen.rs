@@ -90,11 +90,10 @@ impl<D: DotDetector> Estimator<D> {
         let (mut shape, mut is_any) = (None, false);
         out.blurs.clear();
         for &i in &ws.indices {
-            let others = ws.indices.iter().filter(|j| **j != i);
-            let others = others.filter_map(|j| view.direction(out.dots[*j].pixel));
-            let cap = ws.caps.fit(&pixels, out.dots[i].pixel, shape, others);
-            let Some(cap) = cap else { continue };
             let dot = &mut out.dots[i];
+            let Some(cap) = ws.caps.fit(&pixels, dot.pixel, shape) else {
+                continue;
+            };
             shape = Some(cap.shape);
             if is_near(dot, cap.pixel) {
                 (dot.pixel, dot.covariance) = (cap.pixel, cap.covariance);

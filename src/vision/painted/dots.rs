@@ -99,9 +99,7 @@ pub fn find_dots(
             },
             None => CapShape::first(dot.radius, view),
         };
-        let others = dots.iter().enumerate().filter(|(j, _)| *j != i);
-        let others = others.map(|(_, other)| other.direction);
-        if let Some(cap) = caps.fit(&pixels, near, Some(expected), others) {
+        if let Some(cap) = caps.fit(&pixels, near, Some(expected)) {
             shape = Some(cap.shape);
             found[i] = Some(FoundDot {
                 pixel: cap.pixel,
