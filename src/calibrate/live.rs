@@ -142,9 +142,8 @@ impl<D: DotDetector> LiveClip<D> {
         let times = Some(&self.times_s[..]);
         let found = calibrate(&built.pattern, &frames, times, &self.config)?;
         let found = found.map_err(|r| r.to_string());
-        let shown = Some(&self.shown[..]);
         let found = found.and_then(|c| {
-            confirmed(c, &built, shown, times, &self.config).map_err(|r| r.to_string())
+            confirmed(c, &built, &self.shown, times, &self.config).map_err(|r| r.to_string())
         });
         Ok(found.map(|calibration| LivePattern {
             built,

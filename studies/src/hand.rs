@@ -11,9 +11,12 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{
     Rotation, Vec3, angle_between, random_direction, random_rotation, spiral_directions,
+    tangent_frame,
 };
 use spindoe::pattern::Pattern;
 use spindoe::synth::occlusion::{Occluder, OccluderKind};
+use spindoe::synth::pen::Spot;
+use spindoe::synth::surface::{Seam, Surface};
 use spindoe::synth::view::View;
 use spindoe::synth::{Rendering, Scene, SynthConfig};
 
@@ -55,6 +58,11 @@ const PLACES: usize = 400;
 const GUIDED_DOTS: [usize; 2] = [14, 30];
 const GUIDED_RADIUS: [f64; 2] = [0.06, 0.11];
 const GUIDED_GAP: f64 = 2.0;
+/// They lie so many radii off print, looked at in so many directions.
+const OFF_PRINT: f64 = 2.0;
+const AROUND: usize = 12;
+/// Ink that no one sees.
+const NO_INK: f32 = 0.05;
 const GUIDED_FRAMES: [usize; 2] = [150, 300];
 const GUIDED_TURN: [f64; 2] = [1.1 * TAU, 1.5 * TAU];
 
@@ -119,7 +127,11 @@ impl HandClip {
             video_qp: [18.0, 28.0],
             ..looks.clone().as_designed()
         };
-        let scene = Scene::random(&truth, &config, &mut rng)?;
+        let mut scene = Scene::random(&truth, &config, &mut rng)?;
+        let truth = match habits {
+            Habits::Any => truth,
+            Habits::Guided => off_print(&truth, &mut scene.surface)?,
+        };
         let lengths = match habits {
             Habits::Any => FRAMES,
             Habits::Guided => GUIDED_FRAMES,
@@ -181,6 +193,35 @@ fn shows(seen: &Rendering, view: &View, normal: &Vec3, [width, height]: [usize; 
     let [u, v] = [pixel.u.round(), pixel.v.round()];
     let inside = u >= 0.0 && v >= 0.0 && u < width as f64 && v < height as f64;
     inside && seen.mask[v as usize * width + u as usize] > 127
+}
+
+/// The dots that are not drawn on print, and the surface with them alone.
+fn off_print(dots: &Pattern, surface: &mut Surface) -> Outcome<Pattern> {
+    let spots = dots.dots().iter().zip(surface.dots.clone());
+    let is_bare = |spot: &Spot| {
+        let [a, b] = tangent_frame(&spot.middle);
+        let around = (0..AROUND).map(|i| (TAU * i as f64 / AROUND as f64).sin_cos());
+        let places = around.flat_map(|(s, c)| {
+            [0.0, 1.0, OFF_PRINT].map(|radii| spot.middle + (a * c + b * s) * (radii * spot.radius))
+        });
+        let mut inks = places.map(|place| {
+            let under = surface.under(&place.normalize());
+            let parts = under.iter().zip(&surface.ball);
+            parts.map(|(u, b)| (u / b - 1.0).abs()).fold(0.0, f32::max)
+        });
+        let is_off_seam = |seam: &Seam| {
+            let away = seam.axis.dot(&spot.middle).abs().asin();
+            away > seam.half_width + OFF_PRINT * spot.radius
+        };
+        inks.all(|ink| ink < NO_INK) && surface.seams.iter().all(is_off_seam)
+    };
+    let kept: Vec<(Vec3, Option<Spot>)> = spots
+        .filter(|(_, spot)| spot.as_ref().is_none_or(is_bare))
+        .map(|(dot, spot)| (*dot, spot))
+        .collect();
+    let (dots, spots) = kept.into_iter().unzip();
+    surface.dots = spots;
+    Ok(Pattern::new(dots)?)
 }
 
 /// Dots of a mean angular radius anywhere, none on another.

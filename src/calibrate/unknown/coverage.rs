@@ -5,7 +5,6 @@ use super::map::{Map, NEW_DEPTH};
 use super::surface::Surface;
 use super::{BuiltPattern, MIN_VIEWS, UnknownRejection};
 use crate::calibrate::bundle::Bundle;
-use crate::calibrate::pixels::{Landmark, PosedFrame, by_pixels};
 use crate::calibrate::result::rms_sigma_rad;
 use crate::geometry::{Vec3, spiral_directions};
 use crate::pattern::{MIN_DOTS, Pattern};
@@ -70,7 +69,6 @@ impl Map<'_> {
         &mut self,
         candidates: &Candidates,
         surface: &Surface,
-        shown: &[&PaintedFrame],
         known: &KnownDots,
     ) -> std::result::Result<BuiltPattern, UnknownRejection> {
         let kept = candidates.dots(surface, known).map_err(|unclear| {
@@ -79,38 +77,13 @@ impl Map<'_> {
         })?;
         self.keep(&kept);
         self.fit();
-        self.rename();
-        let (blind, found) = (candidates.blind, kept.len());
-        let radii: Vec<f64> = kept.iter().map(|c| c.radius).collect();
-        let landmarks = self
-            .landmarks(shown, &radii)
-            .ok_or(UnknownRejection::NotCovered { blind })?;
-        let directions = landmarks.iter().map(|l| l.direction).collect();
+        let found = kept.len();
+        let directions = self.dots.iter().map(|d| d.direction).collect();
         Ok(BuiltPattern {
             pattern: Pattern::new(directions).map_err(|_| UnknownRejection::NoPattern { found })?,
-            sigmas_rad: landmarks.iter().map(|l| Some(l.known_to())).collect(),
-            radii_rad: landmarks.iter().map(|l| l.radius).collect(),
-            blind,
+            radii_rad: kept.iter().map(|c| c.radius).collect(),
+            blind: candidates.blind,
         })
-    }
-
-    /// The dots by the pixels of the frames. `radii` are about their angular radii, radians.
-    fn landmarks(&self, shown: &[&PaintedFrame], radii: &[f64]) -> Option<Vec<Landmark>> {
-        let posed = |k: usize| {
-            let seen = &self.frames[k];
-            Some(PosedFrame {
-                paint: shown[seen.index],
-                view: *seen.frame_view(),
-                outline: seen.outline,
-                rotation: self.placed[k].as_ref()?.rotation,
-                time_s: None,
-                detected: self.detected(k),
-            })
-        };
-        let frames = (0..self.frames.len()).filter_map(posed).collect();
-        let dots = self.dots.iter().map(|d| d.direction);
-        let dots = dots.zip(radii.iter().copied());
-        by_pixels(frames, dots, &self.config.estimator.camera, false)
     }
 
     /// The same where nothing is known of the surface.
@@ -163,7 +136,6 @@ impl Map<'_> {
             Pattern::new(directions).map_err(|_| UnknownRejection::NoPattern { found })?;
         Ok(BuiltPattern {
             pattern,
-            sigmas_rad: vec![None; found],
             radii_rad: Vec::new(),
             blind,
         })

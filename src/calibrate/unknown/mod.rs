@@ -108,21 +108,10 @@ impl BatchObserver for SurfaceObserver {
 pub struct BuiltPattern {
     /// The pattern, in a frame of its own.
     pub pattern: Pattern,
-    /// For each dot the standard deviation of its place per tangent axis, radians, infinite where hardly any frame shows it; `None` where no pixels
-    /// were looked at.
-    pub sigmas_rad: Vec<Option<f64>>,
-    /// Their angular radii, radians; empty where no pixels were looked at.
+    /// About the angular radii of its dots, radians; empty where no pixels were looked at.
     pub radii_rad: Vec<f64>,
     /// Share of the ball's surface that hardly any frame shows: a dot there is not in the pattern.
     pub blind: f64,
-}
-
-impl BuiltPattern {
-    /// Whether the pixels fix the place of a dot; `None` where none were looked at.
-    pub fn is_known(&self, dot: usize) -> Option<bool> {
-        let sigma_rad = self.sigmas_rad.get(dot).copied().flatten();
-        sigma_rad.map(|s| s <= KNOWN_RAD)
-    }
 }
 
 /// Why no pattern can be built from a clip.
@@ -275,44 +264,40 @@ impl UnknownRejection {
 /// show it. `shown` is what they show, as [`build_pattern`] was given it, and `times_s` their times in seconds, where all are known. The pixels are not misled by detections of neighbors.
 ///
 /// # Errors
-/// [`UnknownRejection::Unconfirmed`] where the pixels do not know the place of a dot, or the two know it to be elsewhere.
+/// [`UnknownRejection::Unconfirmed`] where neither knows the place of a dot, or each knows another.
 pub fn confirmed<F: Borrow<PaintedFrame>>(
     mut calibration: Calibration,
     built: &BuiltPattern,
-    shown: Option<&[F]>,
+    shown: &[F],
     times_s: Option<&[f64]>,
     config: &CalibrationConfig,
 ) -> std::result::Result<Calibration, UnknownRejection> {
     let found = calibration.dots.len();
-    let landmarks = match shown {
-        Some(shown) => landmarks(&calibration, built, shown, times_s, config),
-        None => None,
-    };
+    let landmarks = landmarks(&calibration, built, shown, times_s, config);
     let is_known =
         |dot: &CalibratedDot| matches!(dot.state, DotState::Measured | DotState::Doubtful);
     let mut unknown = Vec::new();
     for (j, dot) in calibration.dots.iter_mut().enumerate() {
-        let Some(landmark) = landmarks.as_ref().map(|l| l[j]) else {
-            if !is_known(dot) {
-                unknown.push(dot.direction);
-            }
-            continue;
-        };
+        let by_pixels = landmarks.as_ref().and_then(|l| l.get(j));
         let found_rad = match is_known(dot) {
             true => dot.sigma_rad(),
             false => f64::INFINITY,
         };
-        let sigma_rad = landmark.known_to();
-        let is_apart = angle_between(&dot.direction, &landmark.direction) > APART_RAD;
+        let (direction, seen_rad) = by_pixels.map_or((dot.direction, f64::INFINITY), |l| {
+            (l.direction, l.known_to())
+        });
+        let is_apart = angle_between(&dot.direction, &direction) > APART_RAD;
         match () {
-            () if sigma_rad > KNOWN_RAD || is_apart && found_rad <= KNOWN_RAD => {
-                unknown.push(landmark.direction);
+            () if found_rad.min(seen_rad) > KNOWN_RAD
+                || is_apart && found_rad.max(seen_rad) <= KNOWN_RAD =>
+            {
+                unknown.push(direction);
             }
-            () if found_rad <= sigma_rad => {}
+            () if found_rad <= seen_rad => {}
             () => {
                 dot.state = DotState::Measured;
-                dot.direction = landmark.direction;
-                let variance = sigma_rad.powi(2) + config.shared_sigma_rad.powi(2);
+                dot.direction = direction;
+                let variance = seen_rad.powi(2) + config.shared_sigma_rad.powi(2);
                 dot.covariance = Matrix2::from_diagonal_element(variance);
             }
         }
@@ -429,7 +414,7 @@ pub fn survey<F: Borrow<PaintedFrame>>(
     let candidates = map.judge(&surface, &shown);
     let marked = candidates.as_ref().ok();
     let marked = marked.map(|c| MarkedSurface::new(&surface, &c.dots));
-    let pattern = candidates.and_then(|c| map.finish(&c, &surface, &shown, known));
+    let pattern = candidates.and_then(|c| map.finish(&c, &surface, known));
     Ok(Survey {
         frames: estimates.len(),
         placed: map.count(),

@@ -70,11 +70,6 @@ impl Seen {
         self.view.view
     }
 
-    /// The same with the frame of the orientations.
-    pub fn frame_view(&self) -> &FrameView {
-        &self.view
-    }
-
     /// The camera's frame to the view's.
     pub fn to_view(&self) -> Rotation {
         self.view.to_view

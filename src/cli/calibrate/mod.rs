@@ -264,8 +264,7 @@ impl Arguments {
         let found = found.map_err(|r| self.no_answer(&r))?;
         match &clip.origin {
             Origin::Clip(clip) => {
-                let shown = Some(&clip.shown[..]);
-                let confirmed = confirmed(found, &clip.built, shown, times, config);
+                let confirmed = confirmed(found, &clip.built, &clip.shown, times, config);
                 confirmed.map_err(|r| match r {
                     UnknownRejection::Unconfirmed {
                         first: Some(side), ..

@@ -8,13 +8,14 @@
 //! may lie in the other 3 %: clips that show every dot are counted apart.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use rayon::prelude::*;
 use spindoe::calibrate::{
-    BuiltPattern, CalibrationConfig, KnownDots, SurfaceObserver, Survey, calibrate, confirmed,
-    survey,
+    CalibrationConfig, KnownDots, SurfaceObserver, Survey, calibrate, confirmed, survey,
 };
 use spindoe::geometry::{Vec3, angle_between, spiral_directions};
+use spindoe::plot::surface_views;
 use spindoe::synth::SynthConfig;
 use spindoe::validate::Proportion;
 use spindoe::vision::painted::PaintedFrame;
@@ -26,6 +27,8 @@ use spindoe_studies::hand::{Habits, HandClip};
 
 /// A clip that shows so much of the ball should be answered.
 const COMPLETE: f64 = 0.97;
+/// A ring that is off its dot's middle by so many radii is not its own to a person who looks.
+const OFF_CENTER: f64 = 0.5;
 /// Dots of the pattern that stands in for the ball's.
 const STAND_IN_DOTS: usize = 20;
 
@@ -54,8 +57,6 @@ struct Judged {
     shown: f64,
     shows_dots: bool,
     built: Built,
-    /// How far the places are off that pixels fix, degrees.
-    places_deg: Vec<f64>,
 }
 
 /// What is asked for.
@@ -82,6 +83,9 @@ pub struct Args {
     /// Where marks are in doubt say which are dots, as a person does who looks at the ball's surface.
     #[arg(long, conflicts_with = "counted")]
     told: bool,
+    /// Draw the surface of every ball into this folder.
+    #[arg(long)]
+    pictures: Option<PathBuf>,
     /// A line for every clip.
     #[arg(long)]
     each: bool,
@@ -151,21 +155,6 @@ impl Args {
             Proportion::new(count(&|c| c.built.is_whole()), self.clips)
         );
         println!("wrong, of all: {}", Proportion::new(wrong, self.clips));
-        let mut off: Vec<f64> = judged.iter().flat_map(|c| c.places_deg.clone()).collect();
-        off.sort_by(f64::total_cmp);
-        let at = |q: f64| spindoe::stats::quantile(&off, q);
-        if !off.is_empty() {
-            println!(
-                "places that pixels fix: median {:.2}, 95 % below {:.2}, worst {:.2} deg; beyond 1 deg: {}",
-                at(0.5),
-                at(0.95),
-                at(1.0),
-                Proportion::new(
-                    off.iter().filter(|o| **o > 1.0).count() as u64,
-                    off.len() as u64
-                )
-            );
-        }
         Ok(())
     }
 }
@@ -196,23 +185,28 @@ impl Args {
         })?;
         let visible = shown.hidden.iter().filter(|h| !**h).count();
         let config = CalibrationConfig::default();
-        let mut places = Vec::new();
         let known = match self.counted {
             true => KnownDots::Number(visible),
             false => KnownDots::Nothing,
         };
         let mut found = survey(&estimates, &taken, &known, &config)?;
+        if let (Some(folder), Some(surface)) = (&self.pictures, &found.surface) {
+            let path = folder.join(format!("{k}.png"));
+            surface_views(&path, &format!("Clip {k}"), surface)?;
+        }
         let is_unclear = found.pattern.as_ref().is_err_and(|r| r.is_of_marks());
-        if self.told
-            && is_unclear
-            && let Some(marks) = told(&found, &clip.truth, &shown.hidden)?
-        {
-            found = survey(&estimates, &taken, &KnownDots::Marks(marks), &config)?;
+        let mut lack = String::new();
+        if self.told && is_unclear {
+            match told(&found, &clip, &shown.hidden)? {
+                Ok(marks) => {
+                    found = survey(&estimates, &taken, &KnownDots::Marks(marks), &config)?;
+                }
+                Err(dots) => lack = format!("; {dots} dots are none of the marks"),
+            }
         }
         let built = match found.pattern {
-            Err(rejection) => Built::Rejected(rejection.to_string()),
+            Err(rejection) => Built::Rejected(format!("{rejection}{lack}")),
             Ok(built) => {
-                places = places_deg(&built, &clip.truth)?;
                 let estimator = estimator(&built.pattern)?;
                 let mut workspace = estimator.workspace();
                 let mut frames = Vec::with_capacity(clip.frames());
@@ -221,7 +215,7 @@ impl Args {
                 match calibrate(&built.pattern, &frames, Some(&times), &config)? {
                     Err(rejection) => Built::Rejected(rejection.to_string()),
                     Ok(calibration) => {
-                        match confirmed(calibration, &built, Some(&taken), Some(&times), &config) {
+                        match confirmed(calibration, &built, &taken, Some(&times), &config) {
                             Err(rejection) => Built::Rejected(rejection.to_string()),
                             Ok(confirmed) => {
                                 judged(&confirmed.pattern()?, &clip.truth, &shown.hidden)?
@@ -244,26 +238,36 @@ impl Args {
             shown: shown.share,
             shows_dots: shown.all_dots,
             built,
-            places_deg: places,
         })
     }
 }
 
-/// The marks that a person takes for the ball's dots; `None` where they are not all there.
-fn told(found: &Survey, truth: &Pattern, hidden: &[bool]) -> Outcome<Option<Vec<Vec3>>> {
-    let Some(surface) = &found.surface else {
-        return Ok(None);
-    };
-    let marks: Vec<Vec3> = surface.marks.iter().map(|m| m.direction).collect();
+/// The marks that a person takes for the ball's dots, or how many of these have no ring that is theirs.
+fn told(
+    found: &Survey,
+    clip: &HandClip,
+    hidden: &[bool],
+) -> Outcome<std::result::Result<Vec<Vec3>, usize>> {
+    let visible = hidden.iter().filter(|h| !**h).count();
+    let marks = found.surface.iter().flat_map(|s| &s.marks);
+    let marks: Vec<Vec3> = marks.map(|m| m.direction).collect();
     // More marks than a pattern has dots are too many to look through.
     let Ok(pattern) = Pattern::new(marks.clone()) else {
-        return Ok(None);
+        return Ok(Err(visible));
     };
-    let named = named(&pattern, truth)?;
-    let is_there = |j: usize| named.iter().flatten().any(|n| n.number == j);
-    let is_whole = (0..truth.len()).all(|j| hidden[j] || is_there(j));
-    let dots = marks.iter().zip(&named).filter(|(_, n)| n.is_some());
-    Ok((is_whole && !named.is_empty()).then(|| dots.map(|(m, _)| *m).collect()))
+    let named = named(&pattern, &clip.truth)?;
+    let own = marks.iter().zip(&named).filter_map(|(mark, dot)| {
+        let dot = dot.as_ref()?;
+        let off = angle_between(mark, &dot.direction);
+        (off < OFF_CENTER * clip.dot_radius_rad).then_some((*mark, dot.number))
+    });
+    let own: Vec<(Vec3, usize)> = own.collect();
+    let is_there = |j: usize| own.iter().any(|(_, number)| *number == j);
+    let lacking = (0..clip.truth.len()).filter(|j| !hidden[*j] && !is_there(*j));
+    Ok(match lacking.count() {
+        0 => Ok(own.into_iter().map(|(mark, _)| mark).collect()),
+        lacking => Err(lacking),
+    })
 }
 
 /// A dot of the ball.
@@ -297,17 +301,6 @@ fn named(built: &Pattern, truth: &Pattern) -> Outcome<Vec<Option<TrueDot>>> {
         Some(TrueDot { number, direction })
     };
     Ok(found.assignment.iter().map(expected).collect())
-}
-
-/// How far the places are off that pixels fix, degrees.
-fn places_deg(built: &BuiltPattern, truth: &Pattern) -> Outcome<Vec<f64>> {
-    let dots = built.pattern.dots().iter().enumerate();
-    let off = |((j, place), expected): ((usize, &Vec3), Option<TrueDot>)| {
-        let expected = expected.filter(|_| built.is_known(j) == Some(true))?;
-        Some(angle_between(place, &expected.direction).to_degrees())
-    };
-    let named = named(&built.pattern, truth)?;
-    Ok(dots.zip(named).filter_map(off).collect())
 }
 
 /// A pattern against the true one.
