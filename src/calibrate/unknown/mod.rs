@@ -14,6 +14,7 @@
 //! all the same is measured (`bench calibration-unknown`).
 
 mod choice;
+mod confirm;
 mod contrast;
 mod coverage;
 mod design;
@@ -29,21 +30,17 @@ mod tidy;
 
 use std::borrow::Borrow;
 
-use super::bundle::{FrameView, Observation};
 use super::config::CalibrationConfig;
-use super::pixels::{Landmark, PosedFrame, by_pixels};
-use super::result::{CalibratedDot, Calibration, DotState};
 use crate::error::{Error, Result};
-use crate::geometry::{Rotation, angle_between};
 use crate::image::RgbImage;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::vision::Budget;
 use crate::vision::FrameEstimate;
 use crate::vision::estimator::{BatchConfig, BatchObserver};
 use crate::vision::painted::PaintedFrame;
-use nalgebra::Matrix2;
 
 pub use choice::KnownDots;
+pub use confirm::confirmed;
 pub use design::matching_design;
 pub use kinds::Kind as MarkKind;
 use map::Map;
@@ -60,11 +57,6 @@ const SEEDS: usize = 6;
 const ESTABLISHED: usize = 3;
 /// Minimum probability of a frame that is placed, and of a design that is the ball's.
 const PLACED: f64 = 0.9;
-/// A dot's place is known where its standard deviation per axis is no larger, radians: of 787 such dots on 30 plain balls (`bench
-/// calibration-unknown`, seed 36100001) the worst was 0.87 degrees off.
-const KNOWN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
-/// Estimator and pixels that both know a place and differ by more, radians: one of them errs, and neither says which.
-const APART_RAD: f64 = std::f64::consts::PI / 180.0;
 /// What is darker than so much of the middle dot, all over a disc of so many of its radii, is no dot: hands draw none so large, and fingers are larger.
 const COVER: [f64; 2] = [0.2, 1.7];
 /// Views that each place of the ball must have.
@@ -258,111 +250,6 @@ impl UnknownRejection {
             Self::NotCovered { .. } | Self::TurnedAway { .. } | Self::AtTheLimb { .. }
         )
     }
-}
-
-/// The calibration of a built pattern, with each dot where it is known best: where the estimator has found it, or where the pixels of its frames
-/// show it. `shown` is what they show, as [`build_pattern`] was given it, and `times_s` their times in seconds, where all are known. The pixels are not misled by detections of neighbors.
-///
-/// # Errors
-/// [`UnknownRejection::Unconfirmed`] where neither knows the place of a dot, or each knows another.
-pub fn confirmed<F: Borrow<PaintedFrame>>(
-    mut calibration: Calibration,
-    built: &BuiltPattern,
-    shown: &[F],
-    times_s: Option<&[f64]>,
-    config: &CalibrationConfig,
-) -> std::result::Result<Calibration, UnknownRejection> {
-    let found = calibration.dots.len();
-    let landmarks = landmarks(&calibration, built, shown, times_s, config);
-    let is_known =
-        |dot: &CalibratedDot| matches!(dot.state, DotState::Measured | DotState::Doubtful);
-    let mut unknown = Vec::new();
-    for (j, dot) in calibration.dots.iter_mut().enumerate() {
-        let by_pixels = landmarks.as_ref().and_then(|l| l.get(j));
-        let found_rad = match is_known(dot) {
-            true => dot.sigma_rad(),
-            false => f64::INFINITY,
-        };
-        let (direction, seen_rad) = by_pixels.map_or((dot.direction, f64::INFINITY), |l| {
-            (l.direction, l.known_to())
-        });
-        let is_apart = angle_between(&dot.direction, &direction) > APART_RAD;
-        match () {
-            () if found_rad.min(seen_rad) > KNOWN_RAD
-                || is_apart && found_rad.max(seen_rad) <= KNOWN_RAD =>
-            {
-                unknown.push(direction);
-            }
-            () if found_rad <= seen_rad => {}
-            () => {
-                dot.state = DotState::Measured;
-                dot.direction = direction;
-                let variance = seen_rad.powi(2) + config.shared_sigma_rad.powi(2);
-                dot.covariance = Matrix2::from_diagonal_element(variance);
-            }
-        }
-    }
-    let Some(first) = unknown.first() else {
-        return Ok(calibration);
-    };
-    let seen = posed(&calibration, config)
-        .map(|(k, _, view, rotation)| (k, view.to_view * rotation * first));
-    Err(UnknownRejection::Unconfirmed {
-        dots: unknown.len(),
-        found,
-        first: MissingSide::of(seen),
-    })
-}
-
-/// The frames of a calibration whose orientation is beyond doubt, with their places in the clip, how they see the ball and how it lies there.
-fn posed<'a>(
-    calibration: &'a Calibration,
-    config: &'a CalibrationConfig,
-) -> impl Iterator<Item = (usize, &'a FrameEstimate, FrameView, Rotation)> + 'a {
-    let frames = calibration.frames.iter().enumerate();
-    frames.filter_map(|(k, frame)| {
-        let pose = frame.pose().filter(|p| p.confidence >= config.trusted)?;
-        let view = FrameView::of(config.estimator.camera.view_of(frame)?);
-        Some((k, frame, view, pose.rotation))
-    })
-}
-
-/// The dots of a calibration by the pixels of its frames.
-fn landmarks<F: Borrow<PaintedFrame>>(
-    calibration: &Calibration,
-    built: &BuiltPattern,
-    shown: &[F],
-    times_s: Option<&[f64]>,
-    config: &CalibrationConfig,
-) -> Option<Vec<Landmark>> {
-    let numbers = calibration.nominal_numbers();
-    let frame = |(k, frame, view, rotation): (usize, &FrameEstimate, FrameView, Rotation)| {
-        let named = frame.dots.iter().zip(&frame.assignment);
-        let detected = named.filter_map(|(dot, name)| {
-            Some(Observation {
-                dot: usize::from(numbers[usize::from((*name)?)]?),
-                pixel: dot.pixel,
-                covariance: dot.covariance,
-            })
-        });
-        Some(PosedFrame {
-            paint: shown[k].borrow(),
-            view,
-            outline: frame.outline?,
-            rotation,
-            time_s: times_s.map(|t| t[k]),
-            detected: detected.collect(),
-        })
-    };
-    let frames = posed(calibration, config).filter_map(frame);
-    let dots = calibration.dots.iter().map(|d| d.direction);
-    let dots = dots.zip(built.radii_rad.iter().copied());
-    by_pixels(
-        frames.collect(),
-        dots,
-        &config.estimator.camera,
-        config.smooth,
-    )
 }
 
 /// Builds the pattern of the ball in a clip from its detections; the poses of the estimates do not matter. `shown` is what the frames

@@ -4,5 +4,6 @@ mod bad_input;
 pub mod clip;
 mod command;
 mod fit;
+mod marked;
 mod real;
 mod unknown;

@@ -5,7 +5,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::calibrate::live::LiveClip;
 use spindoe::calibrate::{
-    CalibrationConfig, KnownDots, Side, SurfaceObserver, UnknownRejection, build_pattern, survey,
+    CalibratedDot, CalibrationConfig, KnownDots, Side, SurfaceObserver, UnknownRejection,
+    build_pattern, calibrate, confirmed, identify_frames, survey,
 };
 use spindoe::geometry::{Rotation, Vec3, angle_between, spiral_directions};
 use spindoe::image::{GrayImage, Picture, RawPixel, RgbImage};
@@ -15,13 +16,13 @@ use spindoe::vision::camera::BallView;
 use spindoe::vision::estimator::{BatchConfig, BatchObserver};
 use spindoe::vision::painted::{MappedFrame, PaintMap, PaintMapper, PaintedFrame};
 use spindoe::vision::{DetectorName, FrameEstimate, NamedDetector, Outline, Prior};
+use spindoe::{Ball, Estimator, EstimatorConfig};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
-use spindoe::{Estimator, EstimatorConfig};
 
 use super::clip::{ClipConfig, detections};
 
 /// The largest angle of a built dot from its true one, radians; `None` where they are not the same dots.
-fn worst(built: &Pattern, truth: &Pattern) -> Option<f64> {
+pub fn worst(built: &Pattern, truth: &Pattern) -> Option<f64> {
     if built.len() != truth.len() {
         return None;
     }
@@ -153,7 +154,11 @@ fn what_is_missing_for_a_pattern_is_said() {
 const STEPS: usize = 45;
 
 /// The pictures of a ball that turns once about each axis, and how it is seen and lies in them (map to view frame): the ball of `truth`, and print where it is given.
-fn pictures(truth: &Pattern, print: &[Spot], axes: &[Vec3]) -> Vec<(RgbImage, BallView, Rotation)> {
+pub fn pictures(
+    truth: &Pattern,
+    print: &[Spot],
+    axes: &[Vec3],
+) -> Vec<(RgbImage, BallView, Rotation)> {
     pictures_of(truth, print, axes, &SynthConfig::good())
 }
 
@@ -215,7 +220,7 @@ fn seen_in(
 }
 
 /// A round mark in the ball's plane.
-fn mark(middle: Vec3, radius: f64, elongation: f32) -> Spot {
+pub fn mark(middle: Vec3, radius: f64, elongation: f32) -> Spot {
     Spot::round(middle, radius, 0.01, 0.9).stretched(Vec3::z(), elongation)
 }
 
@@ -273,12 +278,17 @@ fn dots_that_run_into_one_mark_are_told_apart_and_measured() {
     let config = CalibrationConfig::default();
     let found = build_pattern(&frames, Some(&shown), &KnownDots::Nothing, &config).unwrap();
     let built = found.unwrap_or_else(|rejection| panic!("{rejection}"));
-    let off = worst(&built.pattern, &truth).map(f64::to_degrees);
-    assert!(off.is_some_and(|w| w < 1.0), "{off:?} deg, {built:?}");
-    assert!(
-        (0..truth.len()).all(|j| built.is_known(j) == Some(true)),
-        "{built:?}"
+    let frames = identify_frames(
+        &Ball::new(built.pattern.clone()),
+        &config.estimator,
+        &frames,
     );
+    let calibrated = calibrate(&built.pattern, &frames.unwrap(), None, &config).unwrap();
+    let confirmed = confirmed(calibrated.unwrap(), &built, &shown, None, &config).unwrap();
+    let off = worst(&confirmed.pattern().unwrap(), &truth).map(f64::to_degrees);
+    assert!(off.is_some_and(|w| w < 1.0), "{off:?} deg, {built:?}");
+    let is_known = |d: &CalibratedDot| d.sigma_rad().to_degrees() < 0.3;
+    assert!(confirmed.dots.iter().all(is_known), "{:?}", confirmed.dots);
 }
 
 #[test]
