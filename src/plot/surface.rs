@@ -28,6 +28,8 @@ const CENTER_Y: f64 = 316.0;
 const BLOCK: i32 = canvas::SCALE as i32;
 /// A ring is drawn at so many radii of its mark, and so many file pixels more.
 const RING: [f64; 2] = [1.1, 2.0];
+/// A mark is drawn on the half that shows so much of its radius.
+const CUT: f64 = 0.5;
 /// Size of the marks' numbers, file pixels.
 const NUMBER: f64 = 15.0;
 /// The bare ball, and what no view shows, hatched.
@@ -113,8 +115,8 @@ fn draw_marks(area: &Area<'_>, side: &Side, marks: &[SurfaceMark]) -> Drawn {
     let mut shown = Vec::new();
     for (number, mark) in marks.iter().enumerate() {
         let at = side.view(&mark.direction);
-        // What the rim cuts is drawn on both halves.
-        if at.z < -mark.radius_rad.sin() {
+        // What the rim cuts through is drawn on both halves.
+        if at.z < -CUT * mark.radius_rad.sin() {
             continue;
         }
         let flat = f64::from(px(RADIUS)) / (1.0 + at.z).sqrt();

@@ -156,27 +156,7 @@ impl Map<'_> {
                 kind,
             });
         }
-        // What the detector sees and the surface does not show.
-        for j in self.established() {
-            let at = self.dots[j].direction;
-            let is_there =
-                |m: &Mark| angle_between(&m.direction, &at) < BESIDE.max(SAME[1] * m.radius);
-            if !marks.iter().any(is_there) && self.is_likely(j) {
-                let likeness = self.likeness(&at).unwrap_or(0.0) / typical.likeness;
-                let is_seen = likeness >= SUSPECTED;
-                let kind = match () {
-                    () if is_seen && print.is_empty() => Kind::Dot,
-                    () if !is_seen && surface.is_bare(&at, BARE * typical.darkness) => Kind::Other,
-                    () => Kind::Doubtful,
-                };
-                dots.push(Candidate {
-                    dot: self.dots[j],
-                    radius: typical.radius,
-                    likeness,
-                    kind,
-                });
-            }
-        }
+        dots.extend(self.detected_alone(marks, &typical, !print.is_empty(), surface));
         let is_none = |c: &Candidate| c.kind == Kind::Other;
         dots.sort_by(|a, b| {
             let likelier = b.likeness.total_cmp(&a.likeness);
@@ -189,6 +169,38 @@ impl Map<'_> {
             darkness: typical.darkness,
             is_printed: !print.is_empty(),
         })
+    }
+
+    /// What the detector sees and the surface does not show.
+    fn detected_alone(
+        &self,
+        marks: &[Mark],
+        typical: &Typical,
+        is_printed: bool,
+        surface: &Surface,
+    ) -> Vec<Candidate> {
+        let candidate = |j: usize| {
+            let at = self.dots[j].direction;
+            let is_there =
+                |m: &Mark| angle_between(&m.direction, &at) < BESIDE.max(SAME[1] * m.radius);
+            if marks.iter().any(is_there) || !self.is_likely(j) {
+                return None;
+            }
+            let likeness = self.likeness(&at).unwrap_or(0.0) / typical.likeness;
+            let is_seen = likeness >= SUSPECTED;
+            Some(Candidate {
+                dot: self.dots[j],
+                radius: typical.radius,
+                likeness,
+                kind: match () {
+                    () if is_seen && !is_printed => Kind::Dot,
+                    () if !is_seen && surface.is_bare(&at, BARE * typical.darkness) => Kind::Other,
+                    () => Kind::Doubtful,
+                },
+            })
+        };
+        let established = self.established().into_iter();
+        established.filter_map(candidate).collect()
     }
 
     /// Makes these dots the map's only ones.

@@ -63,7 +63,10 @@ pub(super) fn read(
     }
     let survey = clip.finish()?;
     say(&survey);
-    let built = survey.pattern.map_err(|r| no_answer(&pipe.name, &r))?;
+    let built = survey.pattern.map_err(|r| match r.is_of_marks() {
+        true => no_answer(&pipe.name, &format!("{r}; that takes a clip in a file")),
+        false => no_answer(&pipe.name, &r),
+    })?;
     let found = clip.confirm(built)?;
     Ok(found.map_err(|why| no_answer(&pipe.name, &why))?.into())
 }

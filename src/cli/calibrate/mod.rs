@@ -42,6 +42,9 @@ picture.
 Dots that are never found where they should be are left out; steady marks that the pattern lacks are reported
 and, with --learn-extra, taken in. Where --table is given several times, the one that fits best is taken.
 
+Without --table, where marks are in doubt, marks.png in the folder shows the ball's surface with all marks
+numbered: say with --marks which of them are the dots.
+
 Example:
   spindoe calibrate --table table.npz clip.mp4 -o my-ball")]
 pub struct Arguments {
