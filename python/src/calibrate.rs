@@ -20,7 +20,7 @@ use spindoe::{Estimator, Vec3};
 
 use crate::arrays::{blocks3, rows, square, vector};
 use crate::errors::{Answer, OrRaise, value_error};
-use crate::estimator::{FrameTuple, frame_tuple};
+use crate::frames::{FrameTuple, frame_tuple};
 use crate::pattern::{HashTable, to_json};
 use crate::work::interruptible;
 

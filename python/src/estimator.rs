@@ -36,6 +36,7 @@ use crate::arrays::{
 };
 use crate::calibrate::{self, Clip};
 use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
+use crate::frames::{FrameTuple, frame_tuple};
 use crate::image::{Buffers, Pixels, Samples, raw_pixel};
 use crate::pattern::{HashTable, overlay, to_json};
 use crate::recognizer::{GivenHint, hint};
@@ -44,71 +45,6 @@ use crate::work::on_all_cores;
 
 /// Frames between two ears for Ctrl-C.
 const FRAMES_AT_ONCE: usize = 64;
-
-/// Quaternion, covariance, confidences, residuals in radians and pixels, inverse distance with its
-/// standard deviation, whether a hint was given, frame.
-type PoseTuple<'py> = (
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    f64,
-    f64,
-    f64,
-    f64,
-    Option<(f64, f64)>,
-    bool,
-    &'static str,
-);
-
-/// Circle, dots `u, v, probability`, their covariances, assignment, pose or reason, seconds of the
-/// stages.
-pub type FrameTuple<'py> = (
-    Option<(f64, f64, f64)>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray3<f64>>,
-    Bound<'py, PyArray1<i64>>,
-    Answer<PoseTuple<'py>>,
-    (f64, f64, f64),
-);
-
-fn pose_tuple<'py>(py: Python<'py>, pose: &Pose) -> PoseTuple<'py> {
-    (
-        quaternion(py, &pose.rotation),
-        square(py, &pose.covariance),
-        pose.dots_confidence,
-        pose.confidence,
-        pose.residual_rad,
-        pose.residual_px,
-        pose.distance.map(|d| (d.inverse_distance, d.sigma)),
-        pose.hinted,
-        CameraFrame::Camera
-            .of_view(pose.distance.is_some())
-            .as_str(),
-    )
-}
-
-pub fn frame_tuple<'py>(py: Python<'py>, frame: &FrameEstimate) -> FrameTuple<'py> {
-    let dots = &frame.dots;
-    let at = |(i, k): (usize, usize)| {
-        let dot = &dots[i];
-        [dot.pixel.u, dot.pixel.v, dot.probability][k]
-    };
-    let covariance = |(i, j, k): (usize, usize, usize)| dots[i].covariance[(j, k)];
-    (
-        frame.circle.map(|c| (c.center.u, c.center.v, c.radius)),
-        Array2::from_shape_fn((dots.len(), 3), at).into_pyarray(py),
-        Array3::from_shape_fn((dots.len(), 2, 2), covariance).into_pyarray(py),
-        assignment(py, &frame.assignment),
-        match &frame.outcome {
-            Ok(pose) => Answer::Found(pose_tuple(py, pose)),
-            Err(rejection) => Answer::Rejected(rejection.to_string()),
-        },
-        (
-            frame.timings.locate.as_secs_f64(),
-            frame.timings.detect.as_secs_f64(),
-            frame.timings.identify.as_secs_f64(),
-        ),
-    )
-}
 
 /// A circle `u, v, radius` in pixels as the ball's outline.
 fn outline(given: Option<[f64; 3]>) -> PyResult<Option<OutlinePrior>> {

@@ -11,6 +11,7 @@ mod command;
 mod design;
 mod errors;
 mod estimator;
+mod frames;
 mod image;
 mod pattern;
 mod published;

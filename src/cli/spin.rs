@@ -22,8 +22,6 @@ use crate::spin::summary::SpinSummary;
 use crate::spin::windows::spin_over_time;
 use crate::spin::{MIN_FRAMES, Measurement, SpinRejection};
 
-/// Alternatives are listed up to this multiple of the largest spin searched.
-pub(super) const LISTED_BEYOND: f64 = 2.0;
 /// Standard deviation of a prior magnitude where none is given, as a fraction of the magnitude.
 const PRIOR_SPREAD: f64 = 0.2;
 /// Ratio of the residuals to the expected ones above which a warning is printed.
@@ -313,7 +311,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(path) = &arguments.picture {
         let runs = spin_over_time(&measurements, config.window, &config);
         let runs = runs.map_err(|r| request.rejected(r))?;
-        super::spin_plot::plot_over_time(path, &runs, &found)?;
+        super::spin_plot::plot_over_time(path, &runs, &found.motion.estimate)?;
     }
     if arguments.json {
         let mut json = found.to_json();
@@ -343,7 +341,7 @@ impl Request<'_> {
             ..*self.config
         };
         let listed = AliasConfig {
-            max_rps: LISTED_BEYOND * arguments.max_spin_rps,
+            max_rps: spin_summary::LISTED_BEYOND * arguments.max_spin_rps,
             sigma_rad: config.sigma_rad,
             ..AliasConfig::default()
         };

@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
-use super::spin::Found;
 use super::spin_summary::std_along;
 use crate::error::{Error, Result};
 use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
-use crate::spin::estimate::FittedMotion;
+use crate::spin::estimate::{FittedMotion, SpinEstimate};
 use crate::spin::windows::WindowFit;
 
 /// Half-width of a 95 % interval in standard deviations.
@@ -15,7 +14,7 @@ const Z95: f64 = 1.96;
 const CURVE_POINTS: usize = 100;
 
 /// The spins of the runs with their intervals, and the fit to all of them.
-pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> Result<()> {
+pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], fitted: &SpinEstimate) -> Result<()> {
     use std::f64::consts::TAU;
     let points: Vec<ValuePoint> = runs
         .iter()
@@ -39,9 +38,9 @@ pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], found: &Found) -> 
     };
     let curve = |i: usize| {
         let t = first + (last - first) * i as f64 / CURVE_POINTS as f64;
-        (t, found.motion.estimate.at(t).motion.rps())
+        (t, fitted.at(t).motion.rps())
     };
-    let name = match &found.motion.estimate.motion {
+    let name = match &fitted.motion {
         FittedMotion::Constant(_) => "constant spin fitted to all".into(),
         FittedMotion::Decaying(fit) => format!(
             "fit to all, c = {:.4} +- {:.4} /s",

@@ -4,8 +4,6 @@ use std::f64::consts::TAU;
 
 use serde_json::{Value, json};
 
-#[cfg(feature = "vision")]
-use super::spin::LISTED_BEYOND;
 use crate::geometry::{CameraFrame, Vec3, to_wxyz};
 use crate::spin::Fit;
 use crate::spin::robust::standard_deviations;
@@ -20,6 +18,8 @@ use crate::spin::{
 };
 
 /// Alternatives printed in words; JSON has them all.
+/// Alternatives are listed up to this multiple of the largest spin searched.
+pub(super) const LISTED_BEYOND: f64 = 2.0;
 const MAX_PRINTED: usize = 6;
 
 /// The constant spin of rows whose times increase, in their frame.

@@ -120,8 +120,13 @@ pub(super) fn png_bytes(
     draw: impl FnOnce(&Area<'_>) -> Drawn,
 ) -> Result<Vec<u8>> {
     let pixels = rgb_pixels(size, |_| (), draw)?;
-    encode(size, &pixels, png::ColorType::Rgb, png::Compression::High)
-        .map_err(|e| Error::Internal(format!("plot: {e}")))
+    encode(
+        size,
+        &pixels,
+        png::ColorType::Rgb,
+        png::Compression::Balanced,
+    )
+    .map_err(|e| Error::Internal(format!("plot: {e}")))
 }
 
 /// As [`png_bytes`], of a picture that is mostly a photograph: compressing it well takes longer than
@@ -166,7 +171,7 @@ fn svg_bytes(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) -> Result<
     let png = pixels
         .iter()
         .any(|p| *p != 0)
-        .then(|| encode(drawn_size, &pixels, rgba, png::Compression::High))
+        .then(|| encode(drawn_size, &pixels, rgba, png::Compression::Balanced))
         .transpose()
         .map_err(|e| Error::Internal(format!("plot: {e}")))?;
     svg_file(&text, size, FONT, SVG_FONTS, png.as_deref())

@@ -256,7 +256,12 @@ pub fn evaluate_calibration(
         monte_carlo,
         dot_set: match evaluation.samples {
             0 => None,
-            _ => Some(DotSetReport::of(calibration, &pattern, evaluation)?),
+            _ => Some(DotSetReport::of(
+                calibration,
+                &pattern,
+                evaluation.samples,
+                evaluation.seed,
+            )?),
         },
         seed: evaluation.seed,
         advice: Vec::new(),
@@ -433,7 +438,9 @@ impl CalibrationEvaluation {
         #[cfg(feature = "plot")]
         {
             self.report.draw(&dir.join("offsets.png"))?;
-            super::dot_set::draw(&dir.join("dots.png"), &self.ball, &self.report)?;
+            let dot_set = self.report.dot_set.as_ref();
+            let add = dot_set.and_then(|set| set.add.as_ref());
+            super::dot_set::draw(&dir.join("dots.png"), &self.ball, add)?;
         }
         super::folder::write_report(&dir.join(super::REPORT), &self.report)?;
         CalibrationPage::read(dir)?.write(dir)

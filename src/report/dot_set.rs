@@ -16,9 +16,6 @@ use crate::error::Result;
 use crate::geometry::Vec3;
 use crate::pattern::Pattern;
 use crate::recognize::MIN_CONFIDENCE_IMAGES;
-use crate::report::calibration::CalibrationEvaluationConfig;
-#[cfg(feature = "plot")]
-use crate::report::calibration::CalibrationReport;
 use crate::stats::median;
 use crate::view::{Detection, FalseDots, Noise, ProtocolName, ViewModel};
 use crate::vision::detect::LIKELY_DOT;
@@ -48,9 +45,9 @@ impl DotSetReport {
     pub fn of(
         calibration: &Calibration,
         pattern: &Pattern,
-        evaluation: &CalibrationEvaluationConfig,
+        samples: u64,
+        seed: u64,
     ) -> Result<Self> {
-        let CalibrationEvaluationConfig { samples, seed } = *evaluation;
         let seed = seed ^ DOT_SET;
         let clip = clip_view(calibration);
         let clip_answers = clip
@@ -215,9 +212,8 @@ fn clip_view(calibration: &Calibration) -> Option<ViewModel> {
 
 /// Draws the ball from both sides, with a ring where one more dot helps.
 #[cfg(feature = "plot")]
-pub(super) fn draw(path: &Path, ball: &Ball, report: &CalibrationReport) -> Result<()> {
+pub(super) fn draw(path: &Path, ball: &Ball, add: Option<&DotPlace>) -> Result<()> {
     use crate::plot::{BallDrawing, pattern_views};
-    let add = report.dot_set.as_ref().and_then(|set| set.add.as_ref());
     let added = add.map(|place| Vec3::from(place.direction));
     let dots = ball.pattern().dots().iter().copied();
     let [ball_diameter_mm, dot_diameter_mm] = ball.sizes_mm(None, None);

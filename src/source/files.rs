@@ -11,7 +11,7 @@ use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 use super::video::VideoSource;
-use super::{Frame, FrameSource};
+use super::{Frame, FrameSource, stem};
 use crate::error::{Error, Result};
 use crate::image::Picture;
 
@@ -198,11 +198,6 @@ pub fn sources(paths: &[PathBuf]) -> Result<Vec<Source>> {
 fn has_ending(path: &Path, endings: &[&str]) -> bool {
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     ending.is_some_and(|e| endings.contains(&e.as_str()))
-}
-
-pub(crate) fn stem(path: &Path) -> String {
-    path.file_stem()
-        .map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }
 
 /// The frames of a source, pictures of up to `max_pixels` pixels. A file that is no image comes as a frame with the

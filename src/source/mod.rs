@@ -11,6 +11,7 @@ pub mod grab;
 pub mod pipe;
 pub mod video;
 
+use std::path::Path;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -103,4 +104,10 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
         let read = self.0.next_frame(&mut frame);
         read.map(|read| read.then_some(frame)).transpose()
     }
+}
+
+/// A file's name without its ending.
+pub(crate) fn stem(path: &Path) -> String {
+    path.file_stem()
+        .map_or_else(String::new, |s| s.to_string_lossy().into_owned())
 }

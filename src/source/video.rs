@@ -15,9 +15,8 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::mpsc;
 use std::thread::JoinHandle;
 
-use super::files::stem;
 use super::pipe::{PipeFormat, PipeReader};
-use super::{Frame, FrameSource, SourceEnd};
+use super::{Frame, FrameSource, SourceEnd, stem};
 use crate::error::{Error, Result};
 
 /// Rounding of a container's time stamps, seconds, twice.

@@ -14,7 +14,7 @@ use super::estimator::OutlinePrior;
 use crate::error::{Error, Result};
 use crate::files::csv::{Columns, Table, TableRow, shown};
 use crate::files::{self, MAX_ROWS};
-use crate::source::files::stem;
+use crate::source::stem;
 
 static TIMES: Columns<2> = Columns {
     names: ["frame", "time_s"],

@@ -4,8 +4,7 @@
 //! must be small. Where it is in doubt a person who looks at the ball's surface can say which marks are its dots; a number of dots only checks.
 
 use super::UnknownRejection;
-use super::kinds::Kind;
-use super::map::MapDot;
+use super::candidates::{Candidate, Candidates, Kind};
 use super::surface::Surface;
 use crate::geometry::{Vec3, angle_between};
 
@@ -31,31 +30,6 @@ pub enum KnownDots {
     Number(usize),
     /// Which of the marks of an earlier survey of this clip they are, by their directions there.
     Marks(Vec<Vec3>),
-}
-
-/// What may be a dot.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Candidate {
-    pub dot: MapDot,
-    /// Its angular radius, radians.
-    pub radius: f64,
-    /// What the detector takes it for, over the middle dot.
-    pub likeness: f64,
-    pub kind: Kind,
-}
-
-/// What may be a dot on a ball.
-#[derive(Debug)]
-pub(super) struct Candidates {
-    /// The likeliest first, what is none last.
-    pub dots: Vec<Candidate>,
-    /// Share of the surface that no view shows.
-    pub blind: f64,
-    /// Radius, radians, and darkness of the middle dot.
-    pub radius: f64,
-    pub darkness: f64,
-    /// Whether there is print beside the dots.
-    pub is_printed: bool,
 }
 
 /// Why the dots are not clear, and where something is that the clip does not show well enough.

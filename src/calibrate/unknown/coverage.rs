@@ -1,6 +1,7 @@
 //! Whether a map is a pattern: most frames hang together, and they show the whole ball.
 
-use super::choice::{Candidates, KnownDots};
+use super::candidates::Candidates;
+use super::choice::KnownDots;
 use super::map::{Map, NEW_DEPTH};
 use super::surface::Surface;
 use super::{BuiltPattern, MIN_VIEWS, UnknownRejection};

@@ -5,7 +5,7 @@
 //! what the detector sees and the surface does not contradict; what neither shows is none, and between them a mark is *doubtful*. Where there is
 //! print, it may have discs too: there a person must say which marks are the dots.
 
-use super::choice::{Candidate, Candidates};
+use super::candidates::{Candidate, Candidates, Kind};
 use super::contrast::Contrast;
 use super::map::{Map, MapDot};
 use super::marks::Mark;
@@ -67,31 +67,6 @@ struct Typical {
     darkness: f64,
     likeness: f64,
     contrast: f64,
-}
-
-/// What a mark of a ball is taken for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// A dot.
-    Dot,
-    /// A dot or print.
-    Doubtful,
-    /// It may be a dot, and hardly any view faces it.
-    TurnedAway,
-    /// Print, a stain or the shadow of a finger.
-    Other,
-}
-
-impl Kind {
-    /// The name in files.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Dot => "dot",
-            Self::Doubtful => "doubtful",
-            Self::TurnedAway => "turned_away",
-            Self::Other => "other",
-        }
-    }
 }
 
 /// A mark and what the detector sees there.

@@ -13,6 +13,7 @@
 //! what is missing ([`UnknownRejection`]). What is not: the pattern's own frame, which is that of the first map. How often it is wrong
 //! all the same is measured (`bench calibration-unknown`).
 
+mod candidates;
 mod choice;
 mod confirm;
 mod contrast;
@@ -39,10 +40,11 @@ use crate::vision::FrameEstimate;
 use crate::vision::estimator::{BatchConfig, BatchObserver};
 use crate::vision::painted::PaintedFrame;
 
+pub use candidates::Kind as MarkKind;
 pub use choice::KnownDots;
 pub use confirm::confirmed;
 pub use design::matching_design;
-pub use kinds::Kind as MarkKind;
+
 use map::Map;
 use marks::{MiddleDisc, marks};
 use seen::Seen;

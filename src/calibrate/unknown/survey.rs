@@ -1,6 +1,6 @@
 //! How much of a ball a clip shows, and where what it lacks lies.
 
-use super::choice::Candidate;
+use super::candidates::Candidate;
 use super::map::Map;
 use super::surface::{Place, SHOWN, Surface};
 use super::{BuiltPattern, MarkKind, UnknownRejection};
