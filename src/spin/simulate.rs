@@ -14,6 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::Measurement;
+pub use super::motion::decayed_time;
 use super::motion::{ConstantSpin, PrecessingSpin};
 use super::shared::SharedError;
 use crate::error::{Error, Result, require};
@@ -278,17 +279,6 @@ pub fn stream(seed: u64, index: u64) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(index);
     rng
-}
-
-/// Time in which a ball without decay would turn as far as one with it does in `time_s`:
-/// `(1 - exp(-c t)) / c`.
-pub fn decayed_time(time_s: f64, decay_per_s: f64) -> f64 {
-    let x = decay_per_s * time_s;
-    if x.abs() < 1e-12 {
-        time_s
-    } else {
-        -(-x).exp_m1() / decay_per_s
-    }
 }
 
 fn normal<R: Rng + ?Sized>(rng: &mut R) -> f64 {

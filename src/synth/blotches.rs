@@ -6,7 +6,7 @@
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
-use super::pen::Spot;
+use super::spot::Spot;
 use crate::geometry::{Vec3, random_direction, spiral_directions, tangent_frame};
 
 /// Spots of a blotch.

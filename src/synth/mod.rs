@@ -32,6 +32,7 @@
 //! ```
 
 pub mod background;
+mod ball_image;
 pub mod blotches;
 mod canvas;
 mod color;
@@ -53,6 +54,7 @@ pub mod scene;
 pub mod sensor;
 pub mod several;
 pub mod signal;
+mod spot;
 pub mod surface;
 pub mod texture;
 pub mod training;

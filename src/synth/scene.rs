@@ -6,6 +6,7 @@ use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 
 use super::background::Background;
+use super::ball_image::{BallImage, ImageOf};
 use super::color::luma;
 use super::config::{SynthConfig, SynthKind};
 use super::ground::Ground;
@@ -13,7 +14,6 @@ use super::light::Light;
 use super::occlusion::Occluder;
 use super::random::{Stream, Streams, between, log_between};
 use super::sensor::{Encoding, Sensor};
-use super::several::{BallImage, ImageOf};
 use super::surface::Surface;
 use super::view::View;
 use crate::error::Result;

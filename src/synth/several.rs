@@ -6,10 +6,10 @@
 
 use rand::{Rng, RngExt};
 
+pub use super::ball_image::{BallImage, ImageOf};
 use super::config::SynthConfig;
 use super::random::{between, log_between};
 use super::scene::{Scene, pinhole};
-use super::surface::Surface;
 use crate::error::{Result, require};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::Pattern;
@@ -29,41 +29,6 @@ const MAX_CLIMB: f64 = 0.45;
 const MAX_GROWTH: f64 = 0.03;
 /// Spin about the line of flight that a club gives at most, rad/s: 300 rpm.
 const MAX_RIFLE: f64 = 31.4;
-
-/// Which image of which ball.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct ImageOf {
-    /// Number of the ball; 0 is the scene's own.
-    pub ball: usize,
-    /// Number of the flash that lights it.
-    pub flash: usize,
-}
-
-/// A further image of a ball in the frame.
-#[derive(Debug, Clone, PartialEq)]
-pub struct BallImage {
-    /// Which it is.
-    pub of: ImageOf,
-    /// Its time after the scene's own, s.
-    pub late_s: f64,
-    /// The ball and what is on it.
-    pub surface: Surface,
-    /// As [`Scene::circle`].
-    pub circle: BallCircle,
-    /// Orientation, pattern to camera frame.
-    pub rotation: Rotation,
-    /// Spin, camera frame, rad/s.
-    pub spin: Vec3,
-    /// As [`Scene::shift_px`].
-    pub shift_px: [f64; 2],
-}
-
-impl BallImage {
-    /// Whether it hides the other where both are seen.
-    pub(super) fn hides(&self, of: ImageOf, circle: &BallCircle) -> bool {
-        self.of.flash == of.flash && self.circle.radius > circle.radius
-    }
-}
 
 impl Scene {
     /// The scene of each image of a ball, with the others beside it; that of the scene's own comes first.

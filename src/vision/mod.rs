@@ -13,6 +13,7 @@
 //! Pixels: u right, v down, the center of the top-left pixel at (0, 0). Camera frame: x right, y
 //! up, z from the ball towards the camera.
 
+mod ball_circle;
 mod ball_pixels;
 pub mod blob;
 pub mod camera;

@@ -13,7 +13,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::camera::BallCircle;
+use super::ball_circle::BallCircle;
 use super::intrinsics::{Intrinsics, Pixel};
 
 /// The turn between a camera that looks straight at the ball and one that sees it off its axis. Points are in image

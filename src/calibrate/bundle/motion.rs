@@ -22,9 +22,9 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::schur::{BLOCK, Block, NormalEquations};
 use crate::geometry::{Rotation, Vec3, left_jacobian};
+use crate::spin::motion::decayed_time;
 use crate::spin::precession::{PrecessionOutcome, fit_precession};
 use crate::spin::robust::SpinConfig;
-use crate::spin::simulate::decayed_time;
 use crate::spin::{MIN_INTERVAL_S, Measurement};
 use crate::stats::median;
 

@@ -160,7 +160,7 @@ pub(super) fn axis_and_rate(spin: &Vec3) -> (Vec3, f64) {
 /// Time in which a constant spin would turn as far as one with the decay `c` (1/s) in `t`, and its
 /// derivative with respect to the decay.
 fn elapsed(t: f64, c: f64) -> (f64, f64) {
-    let tau = super::simulate::decayed_time(t, c);
+    let tau = decayed_time(t, c);
     let x = c * t;
     let derivative = if x.abs() < 1e-3 {
         // (t exp(-x) - tau) / c by its series: the next term is below 1e-13.
@@ -169,4 +169,15 @@ fn elapsed(t: f64, c: f64) -> (f64, f64) {
         (t * (-x).exp() - tau) / c
     };
     (tau, derivative)
+}
+
+/// Time in which a ball without decay would turn as far as one with it does in `time_s`:
+/// `(1 - exp(-c t)) / c`.
+pub fn decayed_time(time_s: f64, decay_per_s: f64) -> f64 {
+    let x = decay_per_s * time_s;
+    if x.abs() < 1e-12 {
+        time_s
+    } else {
+        -(-x).exp_m1() / decay_per_s
+    }
 }

@@ -18,10 +18,10 @@
 
 use nalgebra::{Quaternion, SMatrix, SVector, Vector3};
 
+use super::decayed_time;
 use super::{ConstantSpin, LocalFrame, Motion, axis_and_rate, elapsed, rotation_vector};
 use crate::geometry::{Rotation, Vec3, left_jacobian};
 use crate::spin::Measurement;
-use crate::spin::simulate::decayed_time;
 
 /// A ball that precesses while its spin decays.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -181,6 +181,15 @@ impl Default for FrameEstimate {
 }
 
 impl FrameEstimate {
+    /// The probability of its pose, accepted or not.
+    pub(super) fn promise(&self) -> f64 {
+        match &self.outcome {
+            Ok(pose) => pose.confidence,
+            Err(FrameRejection::Ambiguous { confidence }) => *confidence,
+            Err(_) => 0.0,
+        }
+    }
+
     /// A frame whose ball and dots another detector has found; it is not identified yet.
     pub fn from_detections(outline: Outline, dots: Vec<DotDetection>) -> Self {
         Self {

@@ -12,8 +12,8 @@ use nalgebra::Vector3;
 
 use super::Outline;
 use super::config::OutlineMethod;
+use super::crop::Crop;
 use super::propose::Place;
-use super::search::Crop;
 use crate::image::{GrayImage, ImageView, RgbImage};
 use crate::vision::camera::{BallCircle, Pixel};
 use crate::vision::circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity, WHOLE};

@@ -44,6 +44,7 @@ mod balls;
 mod balls_batch;
 mod batch;
 mod config;
+mod crop;
 mod dense;
 mod frame;
 mod identify;

@@ -18,7 +18,6 @@ use std::time::Instant;
 
 use super::frame::Standing;
 use super::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
-use super::search::promise;
 use super::{Estimator, EstimatorWorkspace, FrameEstimate, Outline, PROMISING};
 use crate::image::{ImageView, Roi};
 use crate::vision::camera::BallCircle;
@@ -281,7 +280,7 @@ impl Places {
 
     /// What was found at a place.
     pub fn learn(&mut self, place: &Proposal, found: &FrameEstimate) {
-        let promise = promise(found);
+        let promise = found.promise();
         let known = self.nearest.map_or(0.0, |n| n.1);
         let is_nearer = place.standing == Standing::Doubtful && promise > known;
         if let Some(outline) = found.outline.filter(|_| is_nearer) {

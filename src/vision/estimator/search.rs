@@ -6,6 +6,7 @@
 
 use std::time::Instant;
 
+use super::crop::Crop;
 use super::frame::Standing;
 use super::identify::Detections;
 use super::locate::{Candidate, Shape};
@@ -17,7 +18,7 @@ use super::{
 };
 use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;
-use crate::vision::camera::{BallCircle, Pixel};
+use crate::vision::camera::BallCircle;
 use crate::vision::circle::NoBall;
 use crate::vision::detect::{DotDetector, LIKELY_DOT};
 use crate::vision::grid::Grid;
@@ -38,28 +39,6 @@ pub(super) struct Images {
     part_color: RgbImage,
     /// Gray of a part in colors.
     pub gray: GrayImage,
-}
-
-/// A part of a frame, converted.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Crop<'a> {
-    pub image: ImageView<'a>,
-    pub gray: &'a GrayImage,
-    /// Where its pixels lie in the frame.
-    pub grid: Grid,
-    /// Columns and rows of the frame.
-    pub size: [usize; 2],
-}
-
-impl Crop<'_> {
-    /// The middle of the frame, in pixels of the crop.
-    fn middle(&self) -> Pixel {
-        let [width, height] = self.size.map(|s| 0.5 * (s as f64 - 1.0));
-        self.grid.pixel_to_part(Pixel {
-            u: width,
-            v: height,
-        })
-    }
 }
 
 impl<D: DotDetector> Estimator<D> {
@@ -312,7 +291,7 @@ impl<D: DotDetector> Estimator<D> {
             self.identify(Detections::All, ws, out);
         } else {
             self.identify(Detections::Likely, ws, out);
-            let is_hopeless = is_doubtful && promise(out) < PROMISING;
+            let is_hopeless = is_doubtful && out.promise() < PROMISING;
             if !(out.is_settled() || is_hopeless || ws.spending.is_late()) {
                 self.look_again(crop, ws, out);
                 self.identify(Detections::All, ws, out);
@@ -322,7 +301,7 @@ impl<D: DotDetector> Estimator<D> {
         if let Some(hint) = hint.filter(|_| !is_doubtful && !ws.spending.is_late()) {
             self.identify_expected(hint, ws, out);
         }
-        let is_hopeless = is_doubtful && promise(out) < PROMISING;
+        let is_hopeless = is_doubtful && out.promise() < PROMISING;
         if self.detector.looks_again() && !is_hopeless {
             self.identify_whole(crop, hint, ws, out);
         }
@@ -412,7 +391,7 @@ fn is_answer(frame: &FrameEstimate, standing: Standing) -> bool {
 
 /// Whether the dots at a place, which are no answer, came nearer to one than those of the places before.
 fn is_nearer(there: &FrameEstimate, so_far: &FrameEstimate, standing: Standing) -> bool {
-    let (a, b) = (promise(there), promise(so_far));
+    let (a, b) = (there.promise(), so_far.promise());
     so_far.outline.is_none() || a > b || (standing == Standing::Likely && a >= b)
 }
 
@@ -439,15 +418,6 @@ fn is_better(a: &FrameEstimate, b: &FrameEstimate) -> bool {
         }
         (Some(a), Some(b)) => a.confidence > b.confidence,
         (a, _) => a.is_some(),
-    }
-}
-
-/// The probability of a frame's pose, accepted or not.
-pub(super) fn promise(frame: &FrameEstimate) -> f64 {
-    match &frame.outcome {
-        Ok(pose) => pose.confidence,
-        Err(FrameRejection::Ambiguous { confidence }) => *confidence,
-        Err(_) => 0.0,
     }
 }
 

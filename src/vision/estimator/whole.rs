@@ -8,9 +8,9 @@ use std::time::Instant;
 
 use nalgebra::Matrix3;
 
+use super::crop::Crop;
 use super::frame::Hypothesis;
 use super::identify::{DISAGREEMENT, PoseHypothesis, in_view};
-use super::search::Crop;
 use super::{
     CLEAR, CameraModel, Estimator, EstimatorWorkspace, FrameEstimate, Outline, PoseEvidence,
     WholeEvidence,

@@ -15,7 +15,8 @@
 use nalgebra::{DMatrix, DVector, Vector4};
 
 use super::clip::{Clip, FIXED, Shared};
-use super::fit::{ALIGNED, LEAST_SIGMA, Laid, MAX_STEP, REACH};
+use super::fit::{LEAST_SIGMA, MAX_STEP, REACH};
+use super::laid::{ALIGNED, Laid};
 use super::surface::{Grid, PLACES, Surface};
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3};

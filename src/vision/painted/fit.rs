@@ -13,12 +13,11 @@
 use nalgebra::Matrix3;
 
 use super::face::Face;
+use super::laid::{ALIGNED, Laid};
 use super::surface::{Grid, PLACES, Surface};
 use crate::geometry::{Rotation, Vec3};
 use crate::stats::{biweight, weighted_sigma};
 
-/// Depth from which a place takes part.
-pub(super) const ALIGNED: f64 = 0.4;
 /// Steps of a fit, and the step, radians, at which it ends.
 const FIT_STEPS: usize = 20;
 const SETTLED: f64 = 2e-4;
@@ -32,33 +31,6 @@ pub(super) const LEAST_SIGMA: f64 = 0.02;
 const MIN_KNOWN: f64 = 0.5;
 /// No step is longer, radians: slopes reach no farther.
 pub(super) const MAX_STEP: f64 = 0.15;
-
-/// A face on the surface.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Laid {
-    /// Surface to view frame.
-    pub rotation: Rotation,
-    /// Correlation of what is seen with the surface.
-    pub agreement: f64,
-    /// Covariance of the rotation by the noise of the pixels, view frame, rad^2.
-    pub covariance: Matrix3<f64>,
-}
-
-impl Laid {
-    /// The first face, whose view frame is that of the surface.
-    pub(super) fn first() -> Self {
-        Self::at(Rotation::identity())
-    }
-
-    /// A face that something else has placed.
-    pub(super) fn at(rotation: Rotation) -> Self {
-        Self {
-            rotation,
-            agreement: 1.0,
-            covariance: Matrix3::zeros(),
-        }
-    }
-}
 
 /// A place in sight.
 #[derive(Debug)]

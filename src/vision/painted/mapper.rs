@@ -7,8 +7,9 @@
 
 use super::bare::BareFaceMaker;
 use super::face::Face;
-use super::fit::{FitSpace, Laid, agreement};
+use super::fit::{FitSpace, agreement};
 use super::frame::PaintedFrame;
+use super::laid::Laid;
 use super::map::{Facing, PaintMap};
 use super::surface::{Grid, Surface};
 use super::track::{apart, starts};

@@ -22,6 +22,7 @@ mod face;
 mod file;
 mod fit;
 mod frame;
+mod laid;
 mod map;
 mod mapper;
 mod search;

@@ -1,7 +1,7 @@
 //! The painted surface: the values of faces at places all over the ball, and their slopes.
 
 use super::face::Face;
-use super::fit::{ALIGNED, Laid};
+use super::laid::{ALIGNED, Laid};
 use super::map::{Facing, PaintMap};
 use crate::geometry::{Rotation, Vec3, spiral_directions};
 
