@@ -32,7 +32,7 @@ const RING: [f64; 2] = [1.1, 2.0];
 const CUT: f64 = 0.5;
 /// Size of the marks' numbers, file pixels.
 const NUMBER: f64 = 15.0;
-/// The bare ball, and what no view shows, hatched.
+/// The bare ball, and what no frame shows, hatched.
 const BARE: f32 = 244.0;
 const UNSEEN: [RGBColor; 2] = [RGBColor(176, 208, 236), RGBColor(206, 226, 244)];
 
@@ -40,7 +40,7 @@ const UNSEEN: [RGBColor; 2] = [RGBColor(176, 208, 236), RGBColor(206, 226, 244)]
 ///
 /// # Errors
 /// [`Error::Write`] where the file cannot be written.
-pub fn surface_views(path: &Path, title: &str, surface: &MarkedSurface) -> Result<()> {
+pub fn surface_views(path: &Path, surface: &MarkedSurface) -> Result<()> {
     let points: Vec<[f64; 3]> = (surface.places.iter())
         .map(|p| [p.direction.x, p.direction.y, p.direction.z])
         .collect();
@@ -59,7 +59,7 @@ pub fn surface_views(path: &Path, title: &str, surface: &MarkedSurface) -> Resul
         }
     };
     picture(path, SURFACE_SIZE, |root| {
-        let area = titled(root, title)?;
+        let area = titled(root, "The ball as the clip shows it")?;
         for (half, side) in area.split_evenly((1, 2)).iter().zip(Side::both()) {
             draw_half(half, &side, color)?;
             draw_marks(half, &side, &surface.marks)?;
@@ -71,7 +71,7 @@ pub fn surface_views(path: &Path, title: &str, surface: &MarkedSurface) -> Resul
             };
             text(half, caption, at, HPos::Center, LABEL + 2.0, INK)?;
         }
-        let note = "blue: a dot; orange: a dot or print; gray: none; hatched: no view shows it";
+        let note = "blue: a dot; orange: a dot or print; gray: none; hatched: shown by no frame";
         let (width, height) = area.dim_in_pixel();
         let at = (width as i32 / 2, height as i32 - px(20.0));
         text(&area, note, at, HPos::Center, SMALL, INK)

@@ -507,3 +507,59 @@ fn values_are_drawn_with_intervals() {
     refused(|p| p.lines[0].points[0].1 = f64::INFINITY);
     refused(|p| (p.values, p.lines) = (Vec::new(), Vec::new()));
 }
+
+#[test]
+fn the_surface_of_a_ball_shows_its_marks_and_what_no_frame_shows() {
+    use spindoe::calibrate::{MarkKind, MarkedSurface, SurfaceMark, SurfacePlace};
+    let place = |direction: Vec3| SurfacePlace {
+        direction,
+        darkness: (direction.x > -0.8).then_some(if direction.z > 0.98 { 0.8 } else { 0.0 }),
+    };
+    let mark = |direction: Vec3, kind| SurfaceMark {
+        direction,
+        radius_rad: 0.2,
+        kind,
+    };
+    let surface = MarkedSurface {
+        places: spiral_directions(4000).map(place).collect(),
+        marks: vec![
+            mark(Vec3::z(), MarkKind::Dot),
+            mark(Vec3::new(0.6, 0.0, -0.8), MarkKind::Doubtful),
+            mark(Vec3::y(), MarkKind::TurnedAway),
+            mark(Vec3::new(0.0, -0.8, 0.6), MarkKind::Other),
+        ],
+    };
+    check("surface.png", SURFACE_SIZE, 0.3, |path| {
+        surface_views(path, &surface)
+    });
+
+    let (dir, _aside) = folder();
+    let path = dir.join("surface.png");
+    surface_views(&path, &surface).unwrap();
+    let file = std::fs::File::open(&path).unwrap();
+    let mut reader = png::Decoder::new(std::io::BufReader::new(file))
+        .read_info()
+        .unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    reader.next_frame(&mut pixels).unwrap();
+    let at = |x: usize, y: usize| {
+        let k = 3 * (y * SURFACE_SIZE.0 as usize + x);
+        [pixels[k], pixels[k + 1], pixels[k + 2]].map(i32::from)
+    };
+    // The front's middle has the dot; beside it, equal areas away, the ball is bare. Its left rim no frame shows, and its
+    // right rim is the back's left one, which some do.
+    let (middle, y) = (SURFACE_SIZE.0 as usize / 4, 44 + 316);
+    assert!(at(middle, y)[0] < 80, "{:?}", at(middle, y));
+    assert!(at(middle + 120, y)[0] > 230, "{:?}", at(middle + 120, y));
+    let [red, _, blue] = at(middle - 280, y);
+    assert!(blue > red + 20, "{red} {blue}");
+    let [red, _, blue] = at(middle + 280, y);
+    assert!(blue == red && red > 230, "{red} {blue}");
+    // The doubtful mark of the back, 0.64 to the front's right and so to the back's left, has an orange ring.
+    let other = 3 * middle - (290.0 * 0.6 / (1.8f64).sqrt()) as usize;
+    let is_orange = |x: usize| {
+        let [red, green, blue] = at(x, y);
+        red > green + 40 && green > blue + 20
+    };
+    assert!((other - 60..other + 60).any(is_orange));
+}

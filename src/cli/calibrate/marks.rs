@@ -5,8 +5,8 @@ use std::str::FromStr;
 
 use crate::calibrate::MarkedSurface;
 use crate::error::{Error, Result};
+use crate::files;
 use crate::files::csv::{Columns, Table};
-use crate::files::{self};
 use crate::geometry::Vec3;
 use crate::plot::surface_views;
 
@@ -52,7 +52,7 @@ impl FromStr for MarkNumbers {
 /// Writes a ball's marks into a folder; the picture.
 pub(super) fn write(folder: &Path, surface: &MarkedSurface) -> Result<PathBuf> {
     let picture = folder.join(PICTURE);
-    surface_views(&picture, "The ball as the clip shows it", surface)?;
+    surface_views(&picture, surface)?;
     let mut text = COLUMNS.names.join(",") + "\n";
     for (number, mark) in surface.marks.iter().enumerate() {
         let [x, y, z] = [mark.direction.x, mark.direction.y, mark.direction.z];

@@ -192,7 +192,7 @@ impl Args {
         let mut found = survey(&estimates, &taken, &known, &config)?;
         if let (Some(folder), Some(surface)) = (&self.pictures, &found.surface) {
             let path = folder.join(format!("{k}.png"));
-            surface_views(&path, &format!("Clip {k}"), surface)?;
+            surface_views(&path, surface)?;
         }
         let is_unclear = found.pattern.as_ref().is_err_and(|r| r.is_of_marks());
         let mut lack = String::new();
