@@ -33,11 +33,8 @@ use std::borrow::Borrow;
 
 use super::config::CalibrationConfig;
 use crate::error::{Error, Result};
-use crate::image::RgbImage;
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
-use crate::vision::Budget;
 use crate::vision::FrameEstimate;
-use crate::vision::estimator::{BatchConfig, BatchObserver};
 use crate::vision::painted::PaintedFrame;
 
 pub use candidates::Kind as MarkKind;
@@ -45,6 +42,7 @@ pub use choice::KnownDots;
 pub use confirm::confirmed;
 pub use design::matching_design;
 
+pub use crate::vision::painted::SurfaceObserver;
 use map::Map;
 use marks::{MiddleDisc, marks};
 use seen::Seen;
@@ -63,39 +61,6 @@ const PLACED: f64 = 0.9;
 const COVER: [f64; 2] = [0.2, 1.7];
 /// Views that each place of the ball must have.
 const MIN_VIEWS: usize = ESTABLISHED;
-
-/// What [`build_pattern`] is given of a clip.
-#[derive(Debug, Default)]
-pub struct SurfaceObserver;
-
-impl SurfaceObserver {
-    /// Settings under which detections are found and no pose is looked for, which is all that is needed.
-    pub fn settings(batch: BatchConfig) -> BatchConfig {
-        BatchConfig {
-            independent: true,
-            budget: Self::budget(),
-            ..batch
-        }
-    }
-
-    /// What finding the detections of a frame may cost.
-    pub fn budget() -> Budget {
-        Budget {
-            runs: 1,
-            ..Budget::default()
-        }
-    }
-}
-
-/// Keeps what is drawn on the ball.
-impl BatchObserver for SurfaceObserver {
-    type Kept = PaintedFrame;
-
-    fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<PaintedFrame> {
-        let take = |outline| PaintedFrame::take(&image.to_gray(), &outline);
-        Ok(estimate.outline.map(take).unwrap_or_default())
-    }
-}
 
 /// A pattern built from a clip alone.
 #[derive(Debug, Clone, PartialEq)]

@@ -345,7 +345,12 @@ impl Arguments {
     ) -> Result<(Ball, Origin)> {
         let estimator = self.stand_in(config)?;
         let settings = SurfaceObserver::settings(self.batch()?);
-        let batch = estimate_inputs(&estimator, &self.clip, &settings, &SurfaceObserver)?;
+        let batch = estimate_inputs(
+            &estimator,
+            &self.clip,
+            &settings,
+            &SurfaceObserver::default(),
+        )?;
         let names: Vec<String> = batch.frames.iter().map(|f| f.name.clone()).collect();
         let (frames, shown): (Vec<FrameEstimate>, Vec<PaintedFrame>) = batch
             .frames

@@ -1,13 +1,11 @@
 //! `spindoe estimate --painted`: orientations of a ball with marks of any shape.
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::{Value, json};
 
 use super::{Arguments, inputs, output};
 use crate::ball::Ball;
-use crate::calibrate::SurfaceObserver;
 use crate::cli::images::{order_warning, unused_warning};
 use crate::cli::output::Counter;
 use crate::cli::spin_summary;
@@ -25,37 +23,24 @@ use crate::vision::estimator::{
     Batch, BatchConfig, BatchFrame, BatchObserver, SequenceOutcome, estimate_inputs,
     turned_covariance,
 };
-use crate::vision::painted::{PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface};
+use crate::vision::painted::{
+    PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface, SurfaceObserver,
+};
 
 /// Directions of the pattern that stands in where there is none: only the ball's outline is used.
 const STAND_IN_DOTS: usize = 20;
 
-/// A clip takes no more memory, bytes: what is kept of its frames, and as much again for what is made of that.
-const MOST_BYTES: usize = 2 << 30;
-
 /// Keeps what frames show of the paint.
 struct Shown {
     counter: Counter,
-    bytes: AtomicUsize,
-    most_bytes: usize,
+    observer: SurfaceObserver,
 }
 
 impl BatchObserver for Shown {
     type Kept = PaintedFrame;
 
     fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<PaintedFrame> {
-        let outline = estimate.outline.as_ref();
-        let taken = outline.map(|outline| PaintedFrame::take(&image.to_gray(), outline));
-        let taken = taken.unwrap_or_default();
-        let before = self.bytes.fetch_add(taken.bytes(), Ordering::Relaxed);
-        if before + taken.bytes() > self.most_bytes {
-            let problem = format!(
-                "expected balls of {} MiB at most with --painted: give fewer frames, or smaller images",
-                self.most_bytes >> 20
-            );
-            return Err(Error::argument("images", problem));
-        }
-        Ok(taken)
+        self.observer.keep(image, estimate)
     }
 
     fn progress(&self, frames: usize) {
@@ -75,8 +60,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     let shown = Shown {
         counter: Counter::new(0, "frames"),
-        bytes: AtomicUsize::new(0),
-        most_bytes: MOST_BYTES,
+        observer: SurfaceObserver::default(),
     };
     let tracker = PaintedTracker::new(&arguments.source.camera()?);
     let mut batch = estimate_inputs(&estimator, &arguments.images, &config, &shown)?;
@@ -271,30 +255,5 @@ fn orientations(
     Orientations {
         rows: rows.map(row).collect(),
         camera_frame: Some(axes),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::vision::Outline;
-    use crate::vision::camera::{BallCircle, Pixel};
-    use nalgebra::Matrix3;
-
-    #[test]
-    fn a_clip_that_takes_too_much_memory_is_refused() {
-        let image = RgbImage::new(80, 80, vec![[0.5; 3]; 6_400]).expect("an image");
-        let circle = BallCircle::new(Pixel { u: 40.0, v: 40.0 }, 30.0);
-        let mut estimate = FrameEstimate::default();
-        estimate.outline = Some(Outline::given(circle, Matrix3::zeros()));
-        let shown = Shown {
-            counter: Counter::new(0, "frames"),
-            bytes: AtomicUsize::new(0),
-            most_bytes: 20_000,
-        };
-        let kept: Vec<bool> = (0..5)
-            .map(|_| shown.keep(&image, &estimate).is_ok())
-            .collect();
-        assert_eq!(kept, [true, true, true, false, false]);
     }
 }

@@ -146,7 +146,7 @@ impl Args {
         let stand_in = Pattern::new(spiral_directions(20).collect())?;
         let detecting = estimator(&stand_in)?;
         let mut workspace = detecting.workspace();
-        let budget = spindoe::calibrate::SurfaceObserver::budget();
+        let budget = spindoe::vision::painted::SurfaceObserver::budget();
         let mut seen = Seen {
             frames: Vec::new(),
             truth: Vec::new(),

@@ -209,11 +209,12 @@ fn seen_in(
     let estimator = detecting();
     let mut workspace = estimator.workspace();
     let settings = SurfaceObserver::settings(BatchConfig::default());
+    let observer = SurfaceObserver::default();
     let seen = pictures.into_iter().map(|(image, ..)| {
         let mut found = FrameEstimate::default();
         let prior = Prior::default();
         estimator.estimate(&image, &prior, &settings.budget, &mut workspace, &mut found);
-        let shown = SurfaceObserver.keep(&image, &found).unwrap();
+        let shown = observer.keep(&image, &found).unwrap();
         (found, shown)
     });
     seen.unzip()
