@@ -42,8 +42,8 @@ picture.
 Dots that are never found where they should be are left out; steady marks that the pattern lacks are reported
 and, with --learn-extra, taken in. Where --table is given several times, the one that fits best is taken.
 
-Without --table, where marks are in doubt, marks.png in the folder shows the ball's surface with all marks
-numbered: say with --marks which of them are the dots.
+Without --table, marks.png in the folder shows the ball's surface with all marks numbered. Where marks are in
+doubt, or another number of dots was found than the ball has, say with --marks which of them are the dots.
 
 Example:
   spindoe calibrate --table table.npz clip.mp4 -o my-ball")]
@@ -358,6 +358,8 @@ impl Arguments {
             .map(|f| (f.estimate, f.kept))
             .unzip();
         let survey = survey(&frames, &shown, known, config)?;
+        let surface = survey.surface.as_ref();
+        let picture = surface.map(|s| marks::write(&self.output, s)).transpose()?;
         let built = match survey.pattern {
             Ok(built) => built,
             Err(rejection) => {
@@ -365,18 +367,21 @@ impl Arguments {
                     Some(side) => lacking(&rejection, &side, &names),
                     None => rejection.to_string(),
                 };
-                if let Some(surface) = &survey.surface {
-                    let picture = marks::write(&self.output, surface)?;
+                if let Some(picture) = &picture {
                     reason += &format!("; {} shows the ball's surface", picture.display());
                 }
                 return Err(self.no_answer(&reason));
             }
         };
-        if *known == KnownDots::Nothing {
-            // A stain that looks like a dot is one to every test.
+        if *known == KnownDots::Nothing
+            && let Some(picture) = &picture
+        {
+            // Print that looks like a dot is one to every test.
             errln!(
-                "spindoe: {} dots were found: compare that with the ball, and give their number where it differs (--dots)",
-                built.pattern.len()
+                "spindoe: {} dots were found: compare that with the ball and with {}; where it differs say which marks are \
+                 the dots (--marks)",
+                built.pattern.len(),
+                picture.display()
             );
         }
         let designs: Vec<Pattern> = balls.iter().map(|b| b.pattern().clone()).collect();

@@ -80,7 +80,7 @@ pub struct Args {
     /// Give the number of the dots that can be seen.
     #[arg(long)]
     counted: bool,
-    /// Where marks are in doubt say which are dots, as a person does who looks at the ball's surface.
+    /// The same, and where marks are in doubt say which are dots, as a person does who looks at the ball's surface.
     #[arg(long, conflicts_with = "counted")]
     told: bool,
     /// Draw the surface of every ball into this folder.
@@ -185,7 +185,7 @@ impl Args {
         })?;
         let visible = shown.hidden.iter().filter(|h| !**h).count();
         let config = CalibrationConfig::default();
-        let known = match self.counted {
+        let known = match self.counted || self.told {
             true => KnownDots::Number(visible),
             false => KnownDots::Nothing,
         };
