@@ -9,7 +9,9 @@ use super::calibrate;
 use super::config::CalibrationConfig;
 use super::identify::identify_frames;
 use super::result::Calibration;
-use super::unknown::{BuiltPattern, KnownDots, SurfaceObserver, Survey, confirmed, survey};
+use super::unknown::{
+    BuiltPattern, KnownDots, SurfaceObserver, Survey, UnknownRejection, confirmed, survey,
+};
 use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::image::Picture;
@@ -141,10 +143,19 @@ impl<D: DotDetector> LiveClip<D> {
         let frames = identify_frames(&ball, &self.config.estimator, &self.frames)?;
         let times = Some(&self.times_s[..]);
         let found = calibrate(&built.pattern, &frames, times, &self.config)?;
-        let found = found.map_err(|r| r.to_string());
-        let found = found.and_then(|c| {
-            confirmed(c, &built, &self.shown, times, &self.config).map_err(|r| r.to_string())
-        });
+        let found = match found {
+            Err(rejection) => Err(rejection.to_string()),
+            Ok(found) => {
+                confirmed(found, &built, &self.shown, times, &self.config)?.map_err(|r| match r {
+                    UnknownRejection::Unconfirmed {
+                        first: Some(side), ..
+                    } => {
+                        format!("{r}; now show what is {}", side.now.words())
+                    }
+                    _ => r.to_string(),
+                })
+            }
+        };
         Ok(found.map(|calibration| LivePattern {
             built,
             calibration,

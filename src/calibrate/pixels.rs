@@ -49,7 +49,7 @@ pub(super) struct Landmark {
     /// Standard deviation of its place per tangent axis, radians.
     sigma_rad: f64,
     /// Views in which its pixels show it, and their mean depth.
-    found: usize,
+    pub found: usize,
     depth: f64,
 }
 

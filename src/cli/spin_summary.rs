@@ -17,9 +17,9 @@ use crate::spin::{
     robust::SpinConfig,
 };
 
-/// Alternatives printed in words; JSON has them all.
 /// Alternatives are listed up to this multiple of the largest spin searched.
 pub(super) const LISTED_BEYOND: f64 = 2.0;
+/// Alternatives printed in words; JSON has them all.
 const MAX_PRINTED: usize = 6;
 
 /// The constant spin of rows whose times increase, in their frame.

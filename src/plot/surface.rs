@@ -39,7 +39,7 @@ const UNSEEN: [RGBColor; 2] = [RGBColor(176, 208, 236), RGBColor(206, 226, 244)]
 /// Draws both halves of a ball's surface, dark as the clip shows it, with a ring about every mark and its number, counted from 0.
 ///
 /// # Errors
-/// [`Error::Write`] where the file cannot be written.
+/// [`Error::Argument`] for a surface without places; [`Error::Write`] where the file cannot be written.
 pub fn surface_views(path: &Path, surface: &MarkedSurface) -> Result<()> {
     let points: Vec<[f64; 3]> = (surface.places.iter())
         .map(|p| [p.direction.x, p.direction.y, p.direction.z])

@@ -368,7 +368,9 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
             list(&doubtful)
         ));
     }
-    if !far_off.is_empty() {
+    // What is built from the clip has no places that were meant.
+    let is_design = report.nominal_sha256.is_some();
+    if is_design && !far_off.is_empty() {
         advice.push(format!(
             "much farther from their places than the others: look whether these are the dots, or stains beside \
              them: {}",
@@ -391,7 +393,7 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
             "drawn as it is, the ball is identified less often than as designed ({}): draw it again where that matters",
             worse.join(", ")
         ));
-    } else if !report.monte_carlo.is_empty() && report.nominal_sha256.is_some() {
+    } else if !report.monte_carlo.is_empty() && is_design {
         advice.push(
             "with its own table the ball is as good as one drawn exactly: drawing it again is not worth it"
                 .to_owned(),
@@ -400,7 +402,7 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
     let held = &report.held_out;
     if held.frames.is_empty() {
         advice.push("too few frames to judge the calibration on others".to_owned());
-    } else if held.median_deg[1] > WORSE * held.median_deg[0] {
+    } else if is_design && held.median_deg[1] > WORSE * held.median_deg[0] {
         advice.push(
             "frames that took no part fit worse than before: the clip is too short, keep the nominal table"
                 .to_owned(),

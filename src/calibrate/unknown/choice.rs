@@ -88,13 +88,13 @@ impl Candidates {
                 *first,
             ));
         }
+        if doubtful > 0 {
+            return Err(UnknownRejection::Doubtful { sure, doubtful }.into());
+        }
         match *known {
             KnownDots::Number(expected) if expected != sure => {
-                let found = sure + doubtful;
+                let found = sure;
                 Err(UnknownRejection::WrongNumber { expected, found }.into())
-            }
-            KnownDots::Nothing if doubtful > 0 => {
-                Err(UnknownRejection::Doubtful { sure, doubtful }.into())
             }
             _ => Ok(of(Kind::Dot).collect()),
         }

@@ -111,7 +111,7 @@ impl Map<'_> {
 
     /// These dots as a pattern, where the detections fix the places of all.
     fn pattern_of(
-        &mut self,
+        &self,
         names: &[usize],
         fitted: &Bundle,
         blind: f64,
@@ -125,8 +125,7 @@ impl Map<'_> {
             .ok_or(UnknownRejection::NotCovered { blind })?;
         let sigma = |j: &usize| rms_sigma_rad(&fits[*j].covariance);
         let rough = || names.iter().filter(|j| sigma(j) > MAX_SIGMA_RAD);
-        if let Some(&first) = rough().next() {
-            self.lacking = Some(self.dots[first].direction);
+        if rough().next().is_some() {
             return Err(UnknownRejection::AtTheLimb {
                 dots: rough().count(),
                 sigma_rad: rough().map(sigma).fold(0.0, f64::max),

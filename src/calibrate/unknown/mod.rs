@@ -9,7 +9,8 @@
 //! What is a dot is then decided on the ball's whole surface as all frames show it ([`surface`], [`marks`], [`kinds`]).
 //!
 //! # What is promised
-//! A pattern only where most frames hang together, the clip shows the whole ball, and surface and detector agree on what is a dot; else
+//! A pattern only where most frames hang together, the clip shows the whole ball, and surface and detector agree on what is a dot or a person says
+//! which marks are dots; else
 //! what is missing ([`UnknownRejection`]). What is not: the pattern's own frame, which is that of the first map. How often it is wrong
 //! all the same is measured (`bench calibration-unknown`).
 
@@ -65,7 +66,7 @@ const MIN_VIEWS: usize = ESTABLISHED;
 /// A pattern built from a clip alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BuiltPattern {
-    /// The pattern, in a frame of its own.
+    /// The pattern, in a frame of its own, about as the detections show it: what is exact is its calibration ([`confirmed`]).
     pub pattern: Pattern,
     /// About the angular radii of its dots, radians; empty where no pixels were looked at.
     pub radii_rad: Vec<f64>,
@@ -109,7 +110,7 @@ pub enum UnknownRejection {
     },
     /// Marks that may be dots or print.
     #[error(
-        "{doubtful} marks may be dots or print, beside {sure} that are dots: say which are the dots (--marks)"
+        "{doubtful} marks may be dots or print, beside {sure} that are dots: a person must say which are"
     )]
     Doubtful {
         /// Marks that are dots.
@@ -119,8 +120,8 @@ pub enum UnknownRejection {
     },
     /// Print beside the dots.
     #[error(
-        "there is print on the ball, beside {sure} marks that look like dots and {doubtful} that may be: say which \
-         are the dots (--marks)"
+        "there is print on the ball, beside {sure} marks that look like dots and {doubtful} that may be: a person \
+         must say which are"
     )]
     Printed {
         /// Marks that look like dots.
@@ -138,7 +139,8 @@ pub enum UnknownRejection {
     },
     /// Dots that were found and are not confirmed when the clip is estimated with them.
     #[error(
-        "{dots} of {found} dots are seen too seldom: turn every side of the ball to the camera, for longer"
+        "{dots} of {found} dots are seen too seldom, or not alike in all frames: turn every side of the ball to the \
+         camera, for longer"
     )]
     Unconfirmed {
         /// Number of these dots.
@@ -212,10 +214,7 @@ impl UnknownRejection {
 
     /// Whether a part of the ball is not shown well enough.
     fn is_of_coverage(&self) -> bool {
-        matches!(
-            self,
-            Self::NotCovered { .. } | Self::TurnedAway { .. } | Self::AtTheLimb { .. }
-        )
+        matches!(self, Self::NotCovered { .. } | Self::TurnedAway { .. })
     }
 }
 

@@ -64,7 +64,10 @@ pub(super) fn read(
     let survey = clip.finish()?;
     say(&survey);
     let built = survey.pattern.map_err(|r| match r.is_of_marks() {
-        true => no_answer(&pipe.name, &format!("{r}; that takes a clip in a file")),
+        true => no_answer(
+            &pipe.name,
+            &format!("{r}; to name the dots (--marks) give the clip as a file"),
+        ),
         false => no_answer(&pipe.name, &r),
     })?;
     let found = clip.confirm(built)?;

@@ -8,9 +8,11 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::files::csv::{Columns, Table};
 use crate::geometry::Vec3;
+use crate::pattern::{MAX_DOTS, MIN_DOTS};
 use crate::plot::surface_views;
 
 /// The picture, and the marks in it.
+pub(super) const FILES: [&str; 2] = [PICTURE, MARKS];
 const PICTURE: &str = "marks.png";
 const MARKS: &str = "marks.csv";
 
@@ -42,10 +44,23 @@ impl FromStr for MarkNumbers {
             }
         }
         numbers.sort_unstable();
+        let count = numbers.len();
+        if !(MIN_DOTS..=MAX_DOTS).contains(&count) {
+            return Err(format!(
+                "expected {MIN_DOTS} to {MAX_DOTS} marks, found {count}"
+            ));
+        }
         match numbers.windows(2).find(|pair| pair[0] == pair[1]) {
             Some(pair) => Err(format!("mark {} is given twice", pair[0])),
             None => Ok(Self(numbers)),
         }
+    }
+}
+
+impl MarkNumbers {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.0.len()
     }
 }
 

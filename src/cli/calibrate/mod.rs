@@ -71,7 +71,7 @@ pub struct Arguments {
     dots: Option<usize>,
     /// Which marks of a ball without a table are its dots, by the numbers in the marks.png of the folder that an earlier run
     /// on this clip has left there: `0-17,19`.
-    #[arg(long, value_name = "NUMBERS", value_parser = str::parse::<MarkNumbers>, conflicts_with_all = ["table", "dots", "live"])]
+    #[arg(long, value_name = "NUMBERS", value_parser = str::parse::<MarkNumbers>, conflicts_with_all = ["table", "live"])]
     marks: Option<MarkNumbers>,
     /// The folder to write to.
     #[arg(short, long, value_name = "DIR", default_value = "calibrated")]
@@ -183,7 +183,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     evaluated.report.command = Some(crate::cli::output::command_line());
     evaluated.ball = evaluated.ball.with_design(clip.ball.design().cloned())?;
     evaluated.write(set.path())?;
-    set.publish(&FILES, &[], "report.json")?;
+    let is_built = matches!(clip.origin, Origin::Clip(_));
+    // Marks of another ball are not to stand beside this one.
+    let gone = marks::FILES.iter().filter(|_| !is_built);
+    let gone: Vec<&str> = FILES.iter().chain(gone).copied().collect();
+    set.publish(&gone, &[], "report.json")?;
     if arguments.json {
         return crate::cli::print_json(&evaluated.report);
     }
@@ -228,6 +232,13 @@ impl Arguments {
     /// What is said of the dots of a ball without a table.
     fn known(&self) -> Result<KnownDots> {
         Ok(match (&self.marks, self.dots) {
+            (Some(marks), Some(number)) if marks.len() != number => {
+                let problem = format!(
+                    "expected {number} marks as --dots says, found {}",
+                    marks.len()
+                );
+                return Err(Error::argument("--marks", problem));
+            }
             (Some(numbers), _) => KnownDots::Marks(marks::read(&self.output, numbers)?),
             (None, Some(number)) => KnownDots::Number(number),
             (None, None) => KnownDots::Nothing,
@@ -267,7 +278,7 @@ impl Arguments {
         let found = found.map_err(|r| self.no_answer(&r))?;
         match &clip.origin {
             Origin::Clip(clip) => {
-                let confirmed = confirmed(found, &clip.built, &clip.shown, times, config);
+                let confirmed = confirmed(found, &clip.built, &clip.shown, times, config)?;
                 confirmed.map_err(|r| match r {
                     UnknownRejection::Unconfirmed {
                         first: Some(side), ..
@@ -359,6 +370,9 @@ impl Arguments {
             .unzip();
         let survey = survey(&frames, &shown, known, config)?;
         let surface = survey.surface.as_ref();
+        // What the numbers are of that a person gave stays.
+        let is_other = matches!(survey.pattern, Err(UnknownRejection::OtherMarks { .. }));
+        let surface = surface.filter(|_| !is_other);
         let picture = surface.map(|s| marks::write(&self.output, s)).transpose()?;
         let built = match survey.pattern {
             Ok(built) => built,
@@ -367,9 +381,15 @@ impl Arguments {
                     Some(side) => lacking(&rejection, &side, &names),
                     None => rejection.to_string(),
                 };
-                if let Some(picture) = &picture {
-                    reason += &format!("; {} shows the ball's surface", picture.display());
-                }
+                let picture = picture.as_ref().map(|p| p.display());
+                reason += &match picture {
+                    Some(picture) if rejection.is_of_marks() => {
+                        format!("; name the dots by their numbers in {picture} (--marks)")
+                    }
+                    Some(picture) => format!("; {picture} shows the ball's surface"),
+                    None if is_other => "; run it without --marks and look at marks.png".to_owned(),
+                    None => String::new(),
+                };
                 return Err(self.no_answer(&reason));
             }
         };
@@ -378,8 +398,8 @@ impl Arguments {
         {
             // Print that looks like a dot is one to every test.
             errln!(
-                "spindoe: {} dots were found: compare that with the ball and with {}; where it differs say which marks are \
-                 the dots (--marks)",
+                "spindoe: {} dots were found: compare that with the ball and with {}; where it differs name the dots \
+                 (--overwrite --marks)",
                 built.pattern.len(),
                 picture.display()
             );

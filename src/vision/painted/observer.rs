@@ -8,7 +8,7 @@ use crate::image::RgbImage;
 use crate::vision::estimator::{BatchConfig, BatchObserver};
 use crate::vision::{Budget, FrameEstimate};
 
-/// A clip takes no more memory, bytes: what is kept of its frames, and as much again for what is made of that.
+/// What is kept of a clip's frames takes no more, bytes; as much again is made of it.
 const MOST_BYTES: usize = 2 << 30;
 
 /// Keeps what frames show of the ball, up to 2 GiB.

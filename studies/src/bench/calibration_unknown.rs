@@ -215,7 +215,7 @@ impl Args {
                 match calibrate(&built.pattern, &frames, Some(&times), &config)? {
                     Err(rejection) => Built::Rejected(rejection.to_string()),
                     Ok(calibration) => {
-                        match confirmed(calibration, &built, &taken, Some(&times), &config) {
+                        match confirmed(calibration, &built, &taken, Some(&times), &config)? {
                             Err(rejection) => Built::Rejected(rejection.to_string()),
                             Ok(confirmed) => {
                                 judged(&confirmed.pattern()?, &clip.truth, &shown.hidden)?

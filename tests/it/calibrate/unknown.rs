@@ -285,7 +285,9 @@ fn dots_that_run_into_one_mark_are_told_apart_and_measured() {
         &frames,
     );
     let calibrated = calibrate(&built.pattern, &frames.unwrap(), None, &config).unwrap();
-    let confirmed = confirmed(calibrated.unwrap(), &built, &shown, None, &config).unwrap();
+    let confirmed = confirmed(calibrated.unwrap(), &built, &shown, None, &config)
+        .unwrap()
+        .unwrap();
     let off = worst(&confirmed.pattern().unwrap(), &truth).map(f64::to_degrees);
     assert!(off.is_some_and(|w| w < 1.0), "{off:?} deg, {built:?}");
     let is_known = |d: &CalibratedDot| d.sigma_rad().to_degrees() < 0.3;
