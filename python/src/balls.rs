@@ -15,7 +15,8 @@ use spindoe::vision::{Budget, NamedDetector};
 
 use crate::arrays::square;
 use crate::errors::{Answer, OrRaise};
-use crate::estimator::{Estimator, FrameTuple, check_times, frame_tuple};
+use crate::estimator::{Estimator, check_times};
+use crate::frames::{FrameTuple, frame_tuple};
 use crate::image::{Buffers, Pixels, raw_pixel};
 
 /// A ball's estimate, its table and the probabilities of all tables.

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
-use numpy::ndarray::{Array2, Array3};
+use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -20,7 +20,7 @@ use spindoe::spin::orientations::Orientations;
 use spindoe::spin::robust::SpinConfig;
 use spindoe::vision::detector::NamedWorkspace;
 use spindoe::vision::estimator::{
-    CameraDistance, CameraModel, EstimatorWorkspace, ImageWork, NamedFrame, Pose, SequenceConfig,
+    CameraDistance, CameraModel, EstimatorWorkspace, ImageWork, NamedFrame, SequenceConfig,
     SequenceSmears, SequenceSummary, TrackerConfig, estimate_passes, orientations,
 };
 use spindoe::vision::net::Weights;
@@ -31,9 +31,7 @@ use spindoe::vision::{
 };
 use spindoe::{DotUncertainty, Vec3};
 
-use crate::arrays::{
-    Numbers, assignment, block2, blocks3, quaternion, require_shape, square, vectors,
-};
+use crate::arrays::{Numbers, block2, blocks3, quaternion, require_shape, vectors};
 use crate::calibrate::{self, Clip};
 use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
 use crate::frames::{FrameTuple, frame_tuple};

@@ -22,7 +22,7 @@ const KNOWN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 const APART_RAD: f64 = std::f64::consts::PI / 180.0;
 
 /// The calibration of a built pattern, with each dot where it is known best: where the estimator has found it, or where the pixels of its frames
-/// show it. `shown` is what they show, as [`build_pattern`] was given it, and `times_s` their times in seconds, where all are known. The pixels are not misled by detections of neighbors.
+/// show it. `shown` is what they show, as [`build_pattern`](super::build_pattern) was given it, and `times_s` their times in seconds, where all are known. The pixels are not misled by detections of neighbors.
 ///
 /// # Errors
 /// [`Error::Argument`](crate::Error::Argument) where these are of another number than the calibration's frames. Where neither knows the place of a dot, or each knows
