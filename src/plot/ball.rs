@@ -96,12 +96,6 @@ impl Side {
         self.z_towards
     }
 
-    /// The place at these coordinates of the view.
-    #[cfg(feature = "vision")]
-    pub fn place(&self, v: &Vec3) -> Vec3 {
-        self.right * v.x + Vec3::y() * v.y + self.towards * v.z
-    }
-
     /// Coordinates of `v` in this view: right, up, towards the viewer.
     pub fn view(&self, v: &Vec3) -> Vec3 {
         Vec3::new(v.dot(&self.right), v.y, v.dot(&self.towards))

@@ -5,7 +5,6 @@
 
 use std::path::Path;
 
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
@@ -14,7 +13,7 @@ use super::canvas::{
     self, Area, Drawn, INK, LABEL, SMALL, picture, px, stroke, styled_text, text, titled,
 };
 use super::places::Places;
-use crate::calibrate::{MarkKind, MarkedSurface, SurfaceMark};
+use crate::calibrate::{MarkKind, MarkedSurface, SurfaceMark, SurfacePlace};
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 
@@ -28,6 +27,8 @@ const CENTER_Y: f64 = 316.0;
 const BLOCK: i32 = canvas::SCALE as i32;
 /// A ring is drawn at so many radii of its mark, and so many file pixels more.
 const RING: [f64; 2] = [1.1, 2.0];
+/// Places so far behind the rim, as the cosine of their angle to the viewer, are drawn beyond it.
+const BEHIND: f64 = -0.3;
 /// A mark is drawn on the half that shows so much of its radius.
 const CUT: f64 = 0.5;
 /// Size of the marks' numbers, file pixels.
@@ -41,27 +42,13 @@ const UNSEEN: [RGBColor; 2] = [RGBColor(176, 208, 236), RGBColor(206, 226, 244)]
 /// # Errors
 /// [`Error::Argument`] for a surface without places; [`Error::Write`] where the file cannot be written.
 pub fn surface_views(path: &Path, surface: &MarkedSurface) -> Result<()> {
-    let points: Vec<[f64; 3]> = (surface.places.iter())
-        .map(|p| [p.direction.x, p.direction.y, p.direction.z])
-        .collect();
-    let tree: ImmutableKdTree<f64, 3> = ImmutableKdTree::new_from_slice(&points)
-        .map_err(|e| Error::argument("surface", format!("no search tree: {e}")))?;
-    let color = |x: i32, y: i32, place: &Vec3| {
-        let point = [place.x, place.y, place.z];
-        let nearest = tree.query(&point).nearest_one::<SquaredEuclidean<f64>>();
-        let found = &surface.places[nearest.execute().item as usize];
-        match found.darkness {
-            Some(darkness) => {
-                let gray = (BARE * (1.0 - darkness)).clamp(0.0, 255.0) as u8;
-                RGBColor(gray, gray, gray)
-            }
-            None => UNSEEN[usize::from((x + y).rem_euclid(px(12.0)) < px(6.0))],
-        }
-    };
+    if surface.places.is_empty() {
+        return Err(Error::argument("surface", "expected places, found none"));
+    }
     picture(path, SURFACE_SIZE, |root| {
         let area = titled(root, "The ball as the clip shows it")?;
         for (half, side) in area.split_evenly((1, 2)).iter().zip(Side::both()) {
-            draw_half(half, &side, color)?;
+            draw_half(half, &side, &surface.places)?;
             draw_marks(half, &side, &surface.marks)?;
             let at = (center(half).0, px(CENTER_Y + RADIUS + 34.0));
             let caption = if side.is_front() {
@@ -82,24 +69,52 @@ fn center(area: &Area<'_>) -> (i32, i32) {
     (area.dim_in_pixel().0 as i32 / 2, px(CENTER_Y))
 }
 
-/// Paints the surface.
-fn draw_half(area: &Area<'_>, side: &Side, color: impl Fn(i32, i32, &Vec3) -> RGBColor) -> Drawn {
+/// Where a direction of a view is drawn, radii from the middle of its half, right and up.
+fn flat(at: &Vec3) -> [f64; 2] {
+    let scale = 1.0 / (1.0 + at.z).sqrt();
+    [scale * at.x, scale * at.y]
+}
+
+/// Paints the surface: every point as the place that is drawn nearest to it.
+fn draw_half(area: &Area<'_>, side: &Side, places: &[SurfacePlace]) -> Drawn {
     let (cx, cy) = center(area);
     let radius = px(RADIUS);
     let steps = radius / BLOCK;
-    for (j, i) in (-steps..=steps).flat_map(|j| (-steps..=steps).map(move |i| (j, i))) {
-        let (x, y) = (
-            f64::from(i) / f64::from(steps),
-            -f64::from(j) / f64::from(steps),
-        );
-        // From the distance `sqrt(2) sin(t / 2)` to `cos(t)` and `sin(t)` over it.
-        let square = x * x + y * y;
-        if square > 1.0 {
+    let width = 2 * steps + 1;
+    let mut nearest: Vec<(f64, Option<&SurfacePlace>)> =
+        vec![(f64::INFINITY, None); (width * width) as usize];
+    // Both halves together are as large as all places.
+    let spacing = f64::from(steps) * (std::f64::consts::TAU / places.len() as f64).sqrt();
+    let reach = (1.5 * spacing).ceil() as i32;
+    for place in places {
+        let at = side.view(&place.direction);
+        if at.z < BEHIND {
             continue;
         }
-        let spread = (2.0 - square).sqrt();
-        let place = side.place(&Vec3::new(x * spread, y * spread, 1.0 - square));
-        let painted = color(i, j, &place);
+        let [x, y] = flat(&at).map(|c| c * f64::from(steps));
+        let (left, top) = (x.round() as i32, -y.round() as i32);
+        for j in (top - reach).max(-steps)..=(top + reach).min(steps) {
+            for i in (left - reach).max(-steps)..=(left + reach).min(steps) {
+                let off = (f64::from(i) - x).powi(2) + (f64::from(j) + y).powi(2);
+                let best = &mut nearest[((j + steps) * width + i + steps) as usize];
+                if off < best.0 {
+                    *best = (off, Some(place));
+                }
+            }
+        }
+    }
+    for (j, i) in (-steps..=steps).flat_map(|j| (-steps..=steps).map(move |i| (j, i))) {
+        if i * i + j * j > steps * steps {
+            continue;
+        }
+        let place = nearest[((j + steps) * width + i + steps) as usize].1;
+        let painted = match place.and_then(|p| p.darkness) {
+            Some(darkness) => {
+                let gray = (BARE * (1.0 - darkness)).clamp(0.0, 255.0) as u8;
+                RGBColor(gray, gray, gray)
+            }
+            None => UNSEEN[usize::from((i + j).rem_euclid(px(12.0)) < px(6.0))],
+        };
         for (dy, dx) in (0..BLOCK).flat_map(|dy| (0..BLOCK).map(move |dx| (dy, dx))) {
             area.draw_pixel((cx + BLOCK * i + dx, cy + BLOCK * j + dy), &painted)?;
         }
@@ -119,11 +134,8 @@ fn draw_marks(area: &Area<'_>, side: &Side, marks: &[SurfaceMark]) -> Drawn {
         if at.z < -CUT * mark.radius_rad.sin() {
             continue;
         }
-        let flat = f64::from(px(RADIUS)) / (1.0 + at.z).sqrt();
-        let middle = (
-            cx + (flat * at.x).round() as i32,
-            cy - (flat * at.y).round() as i32,
-        );
+        let [x, y] = flat(&at).map(|c| (c * f64::from(px(RADIUS))).round() as i32);
+        let middle = (cx + x, cy - y);
         // A small angle is drawn `1 / sqrt(2)` of it long, in radii.
         let long = f64::from(px(RADIUS)) * mark.radius_rad / std::f64::consts::SQRT_2;
         let ring = (RING[0] * long).round() as i32 + px(RING[1]);
