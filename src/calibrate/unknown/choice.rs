@@ -1,8 +1,7 @@
 //! Which of a ball's marks are taken for its dots, where that is clear.
 //!
 //! Nothing may be in doubt, and no dot may be hidden: the expected number of dots where no view shows the surface, or where fingers cover it in most views,
-//! must be small. Where it is in doubt a person who looks at the ball's surface can say which marks are its dots. A number of dots checks what is
-//! found, and where all of them are in sight none hides.
+//! must be small. Where it is in doubt a person who looks at the ball's surface can say which marks are its dots; a number of dots only checks.
 
 use super::UnknownRejection;
 use super::candidates::{Candidate, Candidates, Kind};
@@ -65,18 +64,29 @@ impl Candidates {
     /// What is in doubt.
     pub fn dots(&self, surface: &Surface, known: &KnownDots) -> Result<Vec<Candidate>, Unclear> {
         let of = |kind: Kind| self.dots.iter().filter(move |c| c.kind == kind).copied();
-        let (sure, doubtful) = (of(Kind::Dot).count(), of(Kind::Doubtful).count());
-        let is_complete = match known {
-            KnownDots::Marks(said) => return self.said(said),
-            KnownDots::Number(number) => *number <= sure + doubtful,
-            KnownDots::Nothing => false,
-        };
-        // Where all are in sight none hides.
-        if !is_complete {
-            self.check_coverage(surface, sure)?;
+        if let KnownDots::Marks(said) = known {
+            return self.said(said);
         }
+        if let Some(away) = of(Kind::TurnedAway).next() {
+            let dots = of(Kind::TurnedAway).count();
+            let rejection = UnknownRejection::TurnedAway { dots };
+            return Err(Unclear::about(rejection, away.dot.direction));
+        }
+        let (sure, doubtful) = (of(Kind::Dot).count(), of(Kind::Doubtful).count());
+        self.check_blind(sure)?;
         if self.is_printed {
             return Err(UnknownRejection::Printed { sure, doubtful }.into());
+        }
+        let covered = self.covered(surface);
+        let share = covered.len() as f64 / surface.places.len() as f64;
+        if let Some(first) = covered.first()
+            && share * sure as f64 > MAX_COVERED
+        {
+            let blind = self.blind + share;
+            return Err(Unclear::about(
+                UnknownRejection::NotCovered { blind },
+                *first,
+            ));
         }
         if doubtful > 0 {
             return Err(UnknownRejection::Doubtful { sure, doubtful }.into());
@@ -90,38 +100,9 @@ impl Candidates {
         }
     }
 
-    /// Whether dots, beside so many, may lie where the clip shows the surface hardly or not.
-    fn check_coverage(&self, surface: &Surface, sure: usize) -> Result<(), Unclear> {
-        let away = || self.dots.iter().filter(|c| c.kind == Kind::TurnedAway);
-        if let Some(first) = away().next() {
-            let dots = away().count();
-            let rejection = UnknownRejection::TurnedAway { dots };
-            return Err(Unclear::about(rejection, first.dot.direction));
-        }
-        let blind = self.blind;
-        if blind * sure as f64 > MAX_HIDDEN {
-            return Err(UnknownRejection::NotCovered { blind }.into());
-        }
-        // Print is dark as well.
-        if self.is_printed {
-            return Ok(());
-        }
-        let covered = self.covered(surface);
-        let share = covered.len() as f64 / surface.places.len() as f64;
-        match covered.first() {
-            Some(first) if share * sure as f64 > MAX_COVERED => {
-                let blind = blind + share;
-                Err(Unclear::about(
-                    UnknownRejection::NotCovered { blind },
-                    *first,
-                ))
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// The marks that are said to be the dots: of the whole ball, whatever of it no view shows.
+    /// The marks that are said to be the dots.
     fn said(&self, said: &[Vec3]) -> Result<Vec<Candidate>, Unclear> {
+        self.check_blind(said.len())?;
         let at = |place: &Vec3| {
             let near = |c: &&Candidate| angle_between(&c.dot.direction, place) < SAID_RAD;
             self.dots.iter().find(near).copied()
@@ -130,6 +111,15 @@ impl Candidates {
         match said.len() - dots.len() {
             0 => Ok(dots),
             marks => Err(UnknownRejection::OtherMarks { marks }.into()),
+        }
+    }
+
+    /// Whether one of so many dots may lie where no view shows the surface.
+    fn check_blind(&self, dots: usize) -> Result<(), UnknownRejection> {
+        let blind = self.blind;
+        match blind * dots as f64 > MAX_HIDDEN {
+            true => Err(UnknownRejection::NotCovered { blind }),
+            false => Ok(()),
         }
     }
 
