@@ -11,9 +11,9 @@ use crate::vision::estimator::CameraModel;
 pub(super) struct FittedFrame {
     /// Its position in the clip.
     pub index: usize,
-    view: FrameView,
+    pub view: FrameView,
     /// Pattern to camera frame.
-    rotation: Rotation,
+    pub rotation: Rotation,
 }
 
 /// All frames that took part in a fit.

@@ -4,7 +4,7 @@
 //! frame that it faces, detected there or not, and dots, frames and camera are fitted to what the pixels show ([`find_dots`],
 //! [`Bundle`]).
 
-use super::bundle::{Bundle, BundleFrame, DotFit, DotPrior, FrameView, Observation};
+use super::bundle::{Bundle, BundleFrame, DotFit, DotPrior, FrameView, MIN_OBSERVED, Observation};
 use super::result::rms_sigma_rad;
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3};
@@ -23,10 +23,6 @@ const ENOUGH: usize = 8;
 const UNEVEN: f64 = 0.05;
 /// Fewer views in which the pixels show a dot do not fix its place.
 const MIN_FOUND: usize = 2;
-/// Fewer dots leave a frame's orientation open.
-const MIN_SHOWN: usize = 2;
-/// Prior of a dot's place in a fit, radians: hardly any.
-const FREE_SIGMA_RAD: f64 = 0.3;
 
 /// A frame whose orientation is known, and what it shows.
 pub(super) struct PosedFrame<'a> {
@@ -108,11 +104,7 @@ pub(super) fn by_pixels(
                 dot.is_measured = true;
             }
         }
-        let priors = dots.iter().map(|d| DotPrior {
-            direction: d.direction,
-            sigma_rad: FREE_SIGMA_RAD,
-            designed: true,
-        });
+        let priors = dots.iter().map(|d| DotPrior::free(&d.direction));
         let (which, fitted) = observed(&frames, &seen, &dots, &found);
         let mut bundle = Bundle::new(priors.collect(), fitted, camera);
         bundle.fit(smooth);
@@ -194,7 +186,7 @@ fn observed(
             outline: frame.outline,
             observations,
         };
-        (fitted.observations.len() >= MIN_SHOWN).then_some((k, fitted))
+        (fitted.observations.len() >= MIN_OBSERVED).then_some((k, fitted))
     };
     let all = frames.iter().zip(seen).enumerate();
     all.filter_map(of_frame).unzip()

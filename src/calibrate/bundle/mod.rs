@@ -66,6 +66,11 @@ const MIN_FREEDOM: f64 = 10.0;
 /// Largest ball radii over the camera's distance.
 const MAX_INVERSE_DISTANCE: f64 = 0.3;
 
+/// Prior of a dot's place of which hardly anything is known, radians.
+const FREE_SIGMA_RAD: f64 = 0.3;
+/// Fewer dots leave a frame's orientation open where nothing else fixes it.
+pub(super) const MIN_OBSERVED: usize = 2;
+
 /// What a detection counts for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Weighting {
@@ -93,6 +98,17 @@ pub(super) struct DotPrior {
     pub sigma_rad: f64,
     /// Whether it takes part in the gauge: a dot of the nominal pattern.
     pub designed: bool,
+}
+
+impl DotPrior {
+    /// A dot of whose place hardly anything is known but where to begin.
+    pub fn free(direction: &Vec3) -> Self {
+        Self {
+            direction: *direction,
+            sigma_rad: FREE_SIGMA_RAD,
+            designed: true,
+        }
+    }
 }
 
 /// A detection that is a dot's.

@@ -5,14 +5,14 @@ use std::borrow::Borrow;
 use nalgebra::Matrix2;
 
 use super::{BuiltPattern, MissingSide, UnknownRejection};
-use crate::calibrate::bundle::{FrameView, Observation};
+use crate::calibrate::bundle::Observation;
 use crate::calibrate::config::CalibrationConfig;
+use crate::calibrate::fitted::FittedFrame;
 use crate::calibrate::identify::identify_frames;
 use crate::calibrate::pixels::{Landmark, PosedFrame, by_pixels};
 use crate::calibrate::result::{CalibratedDot, Calibration, DotState};
 use crate::error::{Result, require};
-use crate::geometry::{Rotation, angle_between};
-use crate::vision::FrameEstimate;
+use crate::geometry::angle_between;
 use crate::vision::painted::PaintedFrame;
 
 /// A dot's place is known where its standard deviation per axis is no larger, radians. On nine plain balls (`bench calibration-unknown`, seed
@@ -87,8 +87,7 @@ pub fn confirmed<F: Borrow<PaintedFrame>>(
         }
         return Ok(Ok(calibration));
     };
-    let seen = posed(&calibration, config)
-        .map(|(k, _, view, rotation)| (k, view.to_view * rotation * first));
+    let seen = posed(&calibration, config).map(|f| (f.index, f.view.to_view * f.rotation * first));
     Ok(Err(UnknownRejection::Unconfirmed {
         dots: unknown.len(),
         found,
@@ -96,16 +95,15 @@ pub fn confirmed<F: Borrow<PaintedFrame>>(
     }))
 }
 
-/// The frames of a calibration whose orientation is beyond doubt, with their places in the clip, how they see the ball and how it lies there.
-fn posed<'a>(
-    calibration: &'a Calibration,
-    config: &'a CalibrationConfig,
-) -> impl Iterator<Item = (usize, &'a FrameEstimate, FrameView, Rotation)> + 'a {
+/// The frames of a calibration whose orientation is beyond doubt.
+fn posed(
+    calibration: &Calibration,
+    config: &CalibrationConfig,
+) -> impl Iterator<Item = FittedFrame> {
     let frames = calibration.frames.iter().enumerate();
     frames.filter_map(|(k, frame)| {
-        let pose = frame.pose().filter(|p| p.confidence >= config.trusted)?;
-        let view = FrameView::of(config.estimator.camera.view_of(frame)?);
-        Some((k, frame, view, pose.rotation))
+        frame.pose().filter(|p| p.confidence >= config.trusted)?;
+        FittedFrame::new(k, frame, &config.estimator.camera)
     })
 }
 
@@ -121,7 +119,8 @@ fn landmarks<F: Borrow<PaintedFrame>>(
         return None;
     }
     let numbers = calibration.nominal_numbers();
-    let frame = |(k, frame, view, rotation): (usize, &FrameEstimate, FrameView, Rotation)| {
+    let frame = |fitted: FittedFrame| {
+        let frame = &calibration.frames[fitted.index];
         let named = frame.dots.iter().zip(&frame.assignment);
         let detected = named.filter_map(|(dot, name)| {
             Some(Observation {
@@ -131,11 +130,11 @@ fn landmarks<F: Borrow<PaintedFrame>>(
             })
         });
         Some(PosedFrame {
-            paint: shown[k].borrow(),
-            view,
+            paint: shown[fitted.index].borrow(),
+            view: fitted.view,
             outline: frame.outline?,
-            rotation,
-            time_s: times_s.map(|t| t[k]),
+            rotation: fitted.rotation,
+            time_s: times_s.map(|t| t[fitted.index]),
             detected: detected.collect(),
         })
     };

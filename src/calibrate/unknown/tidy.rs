@@ -6,7 +6,7 @@ use nalgebra::Matrix2;
 use super::ESTABLISHED;
 use super::map::{MATCH_RAD, Map, MapDot};
 use super::seen::SeenDot;
-use crate::calibrate::bundle::{Bundle, BundleFrame, DotPrior, Observation};
+use crate::calibrate::bundle::{Bundle, BundleFrame, DotPrior, MIN_OBSERVED, Observation};
 use crate::geometry::angle_between;
 
 /// Dots of the map this near, never seen together, are one.
@@ -14,10 +14,6 @@ const MERGE_RAD: f64 = 0.12;
 /// Depth from which a view faces a dot well, and minimum share of these views in which it is found.
 pub(super) const FACING: f64 = 0.35;
 const MIN_RATE: f64 = 0.4;
-/// Minimum number of named detections of a frame that takes part in a fit.
-const MIN_NAMED: usize = 2;
-/// Prior of a dot's place in a fit, radians: hardly any.
-const FREE_SIGMA_RAD: f64 = 0.3;
 
 impl Map<'_> {
     /// What the detections of a frame show of the map's dots.
@@ -40,11 +36,7 @@ impl Map<'_> {
 
     /// Fits the map and all placed frames together.
     pub fn fit(&mut self) -> Bundle {
-        let priors = self.dots.iter().map(|d| DotPrior {
-            direction: d.direction,
-            sigma_rad: FREE_SIGMA_RAD,
-            designed: true,
-        });
+        let priors = self.dots.iter().map(|d| DotPrior::free(&d.direction));
         let mut which = Vec::new();
         let mut frames = Vec::new();
         for k in 0..self.frames.len() {
@@ -52,8 +44,7 @@ impl Map<'_> {
                 continue;
             };
             let observations = self.detected(k);
-            // Fewer dots leave an orientation open.
-            if observations.len() < MIN_NAMED {
+            if observations.len() < MIN_OBSERVED {
                 continue;
             }
             let seen = &self.frames[k];

@@ -82,7 +82,7 @@ pub struct Args {
     counted: bool,
     /// The same, and where marks are in doubt say which are dots, as a person does who looks at the ball's surface.
     #[arg(long, conflicts_with = "counted")]
-    told: bool,
+    marks_named: bool,
     /// Draw the surface of every ball into this folder.
     #[arg(long)]
     pictures: Option<PathBuf>,
@@ -185,7 +185,7 @@ impl Args {
         })?;
         let visible = shown.hidden.iter().filter(|h| !**h).count();
         let config = CalibrationConfig::default();
-        let known = match self.counted || self.told {
+        let known = match self.counted || self.marks_named {
             true => KnownDots::Number(visible),
             false => KnownDots::Nothing,
         };
@@ -196,8 +196,8 @@ impl Args {
         }
         let is_unclear = found.pattern.as_ref().is_err_and(|r| r.is_of_marks());
         let mut lack = String::new();
-        if self.told && is_unclear {
-            match told(&found, &clip, &shown.hidden)? {
+        if self.marks_named && is_unclear {
+            match by_person(&found, &clip, &shown.hidden)? {
                 Ok(marks) => {
                     found = survey(&estimates, &taken, &KnownDots::Marks(marks), &config)?;
                 }
@@ -243,7 +243,7 @@ impl Args {
 }
 
 /// The marks that a person takes for the ball's dots, or how many of these have no ring that is theirs.
-fn told(
+fn by_person(
     found: &Survey,
     clip: &HandClip,
     hidden: &[bool],

@@ -2,30 +2,11 @@
 
 use std::fs;
 
+use spindoe::Pattern;
 use spindoe::geometry::{Vec3, angle_between, spiral_directions};
-use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 
-use super::unknown::{mark, pictures, worst};
+use super::unknown::{identified, mark, pictures, worst};
 use crate::common::{done, random_pattern, spindoe};
-
-/// Which of these marks are dots of the ball.
-fn dots_among(marks: &[Vec3], truth: &Pattern) -> Vec<usize> {
-    let view = ViewModel {
-        visibility_limit: -0.99,
-        ..ViewModel::default()
-    };
-    let recognizer = RobustRecognizer::new(truth, view.into()).unwrap();
-    let observed: Vec<ObservedDot> = marks
-        .iter()
-        .map(|m| ObservedDot {
-            direction: *m,
-            uncertainty: DotUncertainty::Isotropic { sigma_rad: 0.01 },
-        })
-        .collect();
-    let found = recognizer.identify(&observed, &mut recognizer.workspace());
-    let named = found.unwrap().assignment;
-    (0..marks.len()).filter(|m| named[*m].is_some()).collect()
-}
 
 #[test]
 fn beside_print_a_person_says_which_marks_are_the_dots() {
@@ -73,7 +54,8 @@ fn beside_print_a_person_says_which_marks_are_the_dots() {
             Vec3::new(x, y, z)
         })
         .collect();
-    let dots = dots_among(&marks, &truth);
+    let named = identified(&marks, &truth).unwrap().assignment;
+    let dots: Vec<usize> = (0..marks.len()).filter(|m| named[*m].is_some()).collect();
     assert_eq!(dots.len(), truth.len(), "{csv}");
     assert!(marks.len() > dots.len(), "{csv}");
     let said: Vec<String> = dots.iter().map(usize::to_string).collect();

@@ -17,22 +17,20 @@ use spindoe::vision::estimator::{BatchConfig, BatchObserver};
 use spindoe::vision::painted::{MappedFrame, PaintMap, PaintMapper, PaintedFrame};
 use spindoe::vision::{DetectorName, FrameEstimate, NamedDetector, Outline, Prior};
 use spindoe::{Ball, Estimator, EstimatorConfig};
-use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
+use spindoe::{
+    DotUncertainty, Identification, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel,
+};
 
 use super::clip::{ClipConfig, detections};
 
-/// The largest angle of a built dot from its true one, radians; `None` where they are not the same dots.
-pub fn worst(built: &Pattern, truth: &Pattern) -> Option<f64> {
-    if built.len() != truth.len() {
-        return None;
-    }
+/// Which dots of a ball these places all over it are.
+pub fn identified(places: &[Vec3], truth: &Pattern) -> Option<Identification> {
     let view = ViewModel {
         visibility_limit: -0.99,
         ..ViewModel::default()
     };
     let recognizer = RobustRecognizer::new(truth, view.into()).unwrap();
-    let observed: Vec<ObservedDot> = built
-        .dots()
+    let observed: Vec<ObservedDot> = places
         .iter()
         .map(|d| ObservedDot {
             direction: *d,
@@ -40,7 +38,15 @@ pub fn worst(built: &Pattern, truth: &Pattern) -> Option<f64> {
         })
         .collect();
     let found = recognizer.identify(&observed, &mut recognizer.workspace());
-    let found = found.ok()?;
+    found.ok()
+}
+
+/// The largest angle of a built dot from its true one, radians; `None` where they are not the same dots.
+pub fn worst(built: &Pattern, truth: &Pattern) -> Option<f64> {
+    if built.len() != truth.len() {
+        return None;
+    }
+    let found = identified(built.dots(), truth)?;
     let mut worst: f64 = 0.0;
     for (dot, name) in built.dots().iter().zip(&found.assignment) {
         let expected: Vec3 = found.rotation * truth.dots()[usize::from((*name)?)];
