@@ -3,6 +3,7 @@
 //! Frames are looked at as they come; the clip so far is surveyed ([`survey`]) in a thread of its own, again whenever it has grown by a
 //! quarter, so that the surveys together cost no more than a few times the last one.
 
+use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use super::calibrate;
@@ -16,15 +17,13 @@ use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::vision::detect::DotDetector;
-use crate::vision::estimator::EstimatorWorkspace;
+use crate::vision::estimator::{BatchObserver, EstimatorWorkspace};
 use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate, Prior};
 
 /// Frames before the first survey, and by how much the clip grows between two.
 const FIRST: usize = 30;
 const GROWTH: f64 = 1.25;
-/// The longest clip: two minutes at 30 frames a second, 60 MB of a ball of 100 pixels, 400 MB at most.
-pub const MAX_FRAMES: usize = 3600;
 
 /// A clip that grows.
 pub struct LiveClip<D: DotDetector> {
@@ -33,7 +32,9 @@ pub struct LiveClip<D: DotDetector> {
     config: CalibrationConfig,
     known: KnownDots,
     frames: Vec<FrameEstimate>,
-    shown: Vec<PaintedFrame>,
+    observer: SurfaceObserver,
+    /// Shared with the survey at work.
+    shown: Vec<Arc<PaintedFrame>>,
     times_s: Vec<f64>,
     /// The survey at work.
     at_work: Option<JoinHandle<Result<Survey>>>,
@@ -63,6 +64,7 @@ impl<D: DotDetector> LiveClip<D> {
             config,
             known,
             frames: Vec::new(),
+            observer: SurfaceObserver::default(),
             shown: Vec::new(),
             times_s: Vec::new(),
             at_work: None,
@@ -73,22 +75,18 @@ impl<D: DotDetector> LiveClip<D> {
     /// Takes a frame in, and begins a survey where one is due. Frames without a ball leave nothing.
     ///
     /// # Errors
-    /// A picture that cannot be read; [`Error::Argument`] for more than [`MAX_FRAMES`] frames of a ball.
+    /// A picture that cannot be read; [`crate::Error::Argument`] for a clip that takes more memory than a [`SurfaceObserver`] keeps.
     pub fn push(&mut self, picture: &Picture, prior: &Prior, time_s: f64) -> Result<()> {
-        let problem = "expected at most 3600 frames that show the ball: begin anew";
-        if self.frames.len() == MAX_FRAMES {
-            return Err(Error::argument("--live", problem));
-        }
         let mut found = FrameEstimate::default();
         let budget = SurfaceObserver::budget();
         let workspace = &mut self.workspace;
         self.estimator
             .estimate(picture.view()?, prior, &budget, workspace, &mut found);
-        let Some(outline) = found.outline else {
+        if found.outline.is_none() {
             return Ok(());
-        };
-        let gray = picture.to_rgb()?.to_gray();
-        self.shown.push(PaintedFrame::take(&gray, &outline));
+        }
+        let shown = self.observer.keep(picture.to_rgb()?.as_ref(), &found)?;
+        self.shown.push(Arc::new(shown));
         self.frames.push(found);
         self.times_s.push(time_s);
         let due = FIRST.max((GROWTH * self.surveyed as f64) as usize);

@@ -2,7 +2,9 @@
 
 use std::sync::atomic::Ordering;
 
-use super::{Arguments, Clip, Origin, no_answer};
+use super::clip::{CalibratedClip, IdentifiedFrames, Origin};
+use super::unknown::stand_in;
+use super::{Arguments, no_answer};
 use crate::ball::Ball;
 use crate::calibrate::live::{LiveClip, LivePattern};
 use crate::calibrate::{CalibrationConfig, KnownDots, Survey, UnknownRejection};
@@ -17,7 +19,7 @@ pub(super) fn read(
     arguments: &Arguments,
     known: KnownDots,
     config: &CalibrationConfig,
-) -> Result<Clip> {
+) -> Result<CalibratedClip> {
     let (outline, circles) = arguments.images.outlines()?;
     if circles.is_some() {
         let problem = "expected U,V,R with --live, found a table of frames";
@@ -38,7 +40,7 @@ pub(super) fn read(
     )?;
     let answer = "spindoe: no more frames are taken; once more ends at once";
     let stop = crate::cli::interrupt::stop_on_interrupt(answer)?;
-    let mut clip = LiveClip::new(arguments.stand_in(config)?, known, config.clone());
+    let mut clip = LiveClip::new(stand_in(arguments, config)?, known, config.clone());
     let mut frame = Frame::default();
     while !stop.load(Ordering::Relaxed) {
         let time_s = match pipe.next_frame(&mut frame) {
@@ -93,13 +95,16 @@ fn say(survey: &Survey) {
     }
 }
 
-impl From<LivePattern> for Clip {
+impl From<LivePattern> for CalibratedClip {
     fn from(found: LivePattern) -> Self {
         Self {
             ball: Ball::new(found.built.pattern.clone()),
-            origin: Origin::Live(found.calibration),
-            frames: found.frames,
-            times_s: Some(found.times_s),
+            origin: Origin::Live,
+            frames: IdentifiedFrames {
+                estimates: found.frames,
+                times_s: Some(found.times_s),
+            },
+            calibration: found.calibration,
         }
     }
 }

@@ -1,0 +1,91 @@
+//! A calibration in words.
+
+use std::path::Path;
+
+use crate::calibrate::{Calibration, DotState};
+use crate::report::calibration::{CalibrationEvaluation, CalibrationReport};
+
+/// Summarizes the calibration.
+pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, out: &Path) {
+    let CalibrationReport {
+        frames,
+        held_out,
+        motion,
+        advice,
+        ..
+    } = &evaluated.report;
+    outln!(
+        "{}: {} of {} dots measured from {} of {} frames, {:.2} deg rms off their nominal places",
+        out.display(),
+        calibration.measured(),
+        calibration.dots.len(),
+        frames.fitted,
+        frames.given,
+        evaluated.report.rms_offset_deg
+    );
+    for (state, words) in [
+        (
+            DotState::Missing,
+            "never found where they should be, left out",
+        ),
+        (DotState::Unseen, "not seen, left at their nominal places"),
+        (
+            DotState::Doubtful,
+            "may be print or stains, taken for less certain",
+        ),
+    ] {
+        let dots = evaluated.report.dots.iter().filter(|d| d.state == state);
+        let numbers: Vec<String> = dots.map(|d| d.nominal_number.to_string()).collect();
+        if !numbers.is_empty() {
+            outln!("  {words}: dots {}", numbers.join(", "));
+        }
+    }
+    for mark in &evaluated.report.marks {
+        let [x, y, z] = mark.direction;
+        let taken = match mark.number {
+            Some(number) => format!("taken in as dot {number}"),
+            None => "left out (--learn-extra takes it in)".to_owned(),
+        };
+        outln!(
+            "  a mark at ({x:.3}, {y:.3}, {z:.3}), found in {} of {} views: {taken}",
+            mark.found,
+            mark.views
+        );
+    }
+    if frames.with_other_balls > 0 {
+        outln!(
+            "  {} frames show more than one ball",
+            frames.with_other_balls
+        );
+    }
+    if !held_out.frames.is_empty() {
+        outln!(
+            "  frames that took no part: median residual {:.2} deg before, {:.2} deg after; {:.1} and {:.1} dots a frame",
+            held_out.median_deg[0],
+            held_out.median_deg[1],
+            held_out.mean_matched[0],
+            held_out.mean_matched[1]
+        );
+    }
+    if let Some([before, after]) = motion {
+        outln!(
+            "  off one smooth rotation{}: median {:.2} deg before, {:.2} deg after",
+            if after.precessing {
+                " (precessing)"
+            } else {
+                ""
+            },
+            before.median_deg,
+            after.median_deg
+        );
+    }
+    for line in advice {
+        outln!("  {line}");
+    }
+    if let Some(set) = &evaluated.report.dot_set {
+        outln!("is this set of dots good? (numbers as in dots.png)");
+        for line in set.words() {
+            outln!("  {line}");
+        }
+    }
+}
