@@ -3,27 +3,27 @@
 //! Frames are looked at as they come; the clip so far is surveyed ([`survey`]) in a thread of its own, again whenever it has grown by a
 //! quarter, so that the surveys together cost no more than a few times the last one.
 
-use std::sync::Arc;
 use std::thread::JoinHandle;
 
-use super::calibrate;
 use super::config::CalibrationConfig;
 use super::identify::identify_frames;
 use super::result::Calibration;
 use super::unknown::{
-    BuiltPattern, KnownDots, SurfaceObserver, Survey, UnknownRejection, confirmed, survey,
+    BuiltPattern, KnownDots, SurfaceObserver, Survey, UnknownRejection, calibrate_built, survey,
 };
 use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::vision::detect::DotDetector;
-use crate::vision::estimator::{BatchObserver, EstimatorWorkspace};
+use crate::vision::estimator::EstimatorWorkspace;
 use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate, Prior};
 
 /// Frames before the first survey, and by how much the clip grows between two.
 const FIRST: usize = 30;
 const GROWTH: f64 = 1.25;
+/// The longest clip: two minutes at 30 frames a second, 60 MB of a ball of 100 pixels, 400 MB at most.
+pub const MAX_FRAMES: usize = 3600;
 
 /// A clip that grows.
 pub struct LiveClip<D: DotDetector> {
@@ -32,9 +32,7 @@ pub struct LiveClip<D: DotDetector> {
     config: CalibrationConfig,
     known: KnownDots,
     frames: Vec<FrameEstimate>,
-    observer: SurfaceObserver,
-    /// Shared with the survey at work.
-    shown: Vec<Arc<PaintedFrame>>,
+    shown: Vec<PaintedFrame>,
     times_s: Vec<f64>,
     /// The survey at work.
     at_work: Option<JoinHandle<Result<Survey>>>,
@@ -64,7 +62,6 @@ impl<D: DotDetector> LiveClip<D> {
             config,
             known,
             frames: Vec::new(),
-            observer: SurfaceObserver::default(),
             shown: Vec::new(),
             times_s: Vec::new(),
             at_work: None,
@@ -72,21 +69,35 @@ impl<D: DotDetector> LiveClip<D> {
         }
     }
 
+    /// Frames of the ball so far.
+    pub fn frames(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Whether it has [`MAX_FRAMES`] frames of the ball and takes no more.
+    pub fn is_full(&self) -> bool {
+        self.frames.len() >= MAX_FRAMES
+    }
+
     /// Takes a frame in, and begins a survey where one is due. Frames without a ball leave nothing.
     ///
     /// # Errors
-    /// A picture that cannot be read; [`crate::Error::Argument`] for a clip that takes more memory than a [`SurfaceObserver`] keeps.
+    /// A picture that cannot be read; [`Error::Argument`] for a clip that is full.
     pub fn push(&mut self, picture: &Picture, prior: &Prior, time_s: f64) -> Result<()> {
+        let problem = "expected at most 3600 frames that show the ball";
+        if self.is_full() {
+            return Err(Error::argument("picture", problem));
+        }
         let mut found = FrameEstimate::default();
         let budget = SurfaceObserver::budget();
         let workspace = &mut self.workspace;
         self.estimator
             .estimate(picture.view()?, prior, &budget, workspace, &mut found);
-        if found.outline.is_none() {
+        let Some(outline) = found.outline else {
             return Ok(());
-        }
-        let shown = self.observer.keep(picture.to_rgb()?.as_ref(), &found)?;
-        self.shown.push(Arc::new(shown));
+        };
+        let gray = picture.to_rgb()?.to_gray();
+        self.shown.push(PaintedFrame::take(&gray, &outline));
         self.frames.push(found);
         self.times_s.push(time_s);
         let due = FIRST.max((GROWTH * self.surveyed as f64) as usize);
@@ -135,25 +146,15 @@ impl<D: DotDetector> LiveClip<D> {
     /// The pattern that a survey has built, where a calibration by all frames so far confirms it; else why it does not.
     ///
     /// # Errors
-    /// As [`calibrate`].
-    pub fn confirm(&self, built: BuiltPattern) -> Result<std::result::Result<LivePattern, String>> {
+    /// As [`calibrate_built`].
+    pub fn confirm(
+        &self,
+        built: BuiltPattern,
+    ) -> Result<std::result::Result<LivePattern, UnknownRejection>> {
         let ball = Ball::new(built.pattern.clone());
         let frames = identify_frames(&ball, &self.config.estimator, &self.frames)?;
         let times = Some(&self.times_s[..]);
-        let found = calibrate(&built.pattern, &frames, times, &self.config)?;
-        let found = match found {
-            Err(rejection) => Err(rejection.to_string()),
-            Ok(found) => {
-                confirmed(found, &built, &self.shown, times, &self.config)?.map_err(|r| match r {
-                    UnknownRejection::Unconfirmed {
-                        first: Some(side), ..
-                    } => {
-                        format!("{r}; now show what is {}", side.now.words())
-                    }
-                    _ => r.to_string(),
-                })
-            }
-        };
+        let found = calibrate_built(&built, &frames, &self.shown, times, &self.config)?;
         Ok(found.map(|calibration| LivePattern {
             built,
             calibration,

@@ -77,7 +77,7 @@ pub use presence::MIN_EXPECTED_VIEWS;
 pub use result::{CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark};
 pub use unknown::{
     BuiltPattern, KnownDots, MarkKind, MarkedSurface, MissingSide, Side, SurfaceMark,
-    SurfaceObserver, SurfacePlace, Survey, UnknownRejection, build_pattern, confirmed,
+    SurfaceObserver, SurfacePlace, Survey, UnknownRejection, build_pattern, calibrate_built,
     matching_design, survey,
 };
 

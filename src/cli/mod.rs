@@ -37,6 +37,8 @@ mod flashes;
 mod identify;
 #[cfg(feature = "vision")]
 mod images;
+#[cfg(feature = "vision")]
+mod inputs;
 mod interrupt;
 mod levels;
 #[cfg(feature = "mark")]

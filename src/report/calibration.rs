@@ -388,7 +388,7 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
         .filter(|p| lost(p))
         .map(|p| p.protocol.as_str())
         .collect();
-    if !worse.is_empty() {
+    if is_design && !worse.is_empty() {
         advice.push(format!(
             "drawn as it is, the ball is identified less often than as designed ({}): draw it again where that matters",
             worse.join(", ")

@@ -102,16 +102,17 @@ impl Candidates {
 
     /// The marks that are said to be the dots.
     fn said(&self, said: &[Vec3]) -> Result<Vec<Candidate>, Unclear> {
-        self.check_blind(said.len())?;
         let at = |place: &Vec3| {
             let near = |c: &&Candidate| angle_between(&c.dot.direction, place) < SAID_RAD;
             self.dots.iter().find(near).copied()
         };
         let dots: Vec<Candidate> = said.iter().filter_map(at).collect();
-        match said.len() - dots.len() {
-            0 => Ok(dots),
-            marks => Err(UnknownRejection::OtherMarks { marks }.into()),
+        let marks = said.len() - dots.len();
+        if marks > 0 {
+            return Err(UnknownRejection::OtherMarks { marks }.into());
         }
+        self.check_blind(dots.len())?;
+        Ok(dots)
     }
 
     /// Whether one of so many dots may lie where no view shows the surface.

@@ -1,18 +1,18 @@
 //! The dots of a built pattern, measured: a calibration by detections, and the pixels of its frames.
 
-use std::borrow::Borrow;
-
 use nalgebra::Matrix2;
 
 use super::{BuiltPattern, MissingSide, UnknownRejection};
 use crate::calibrate::bundle::Observation;
+use crate::calibrate::calibrate;
 use crate::calibrate::config::CalibrationConfig;
 use crate::calibrate::fitted::FittedFrame;
 use crate::calibrate::identify::identify_frames;
 use crate::calibrate::pixels::{Landmark, PosedFrame, by_pixels};
-use crate::calibrate::result::{CalibratedDot, Calibration, DotState};
+use crate::calibrate::result::{CalibratedDot, Calibration, CalibrationRejection, DotState};
 use crate::error::{Result, require};
 use crate::geometry::angle_between;
+use crate::vision::FrameEstimate;
 use crate::vision::painted::PaintedFrame;
 
 /// A dot's place is known where its standard deviation per axis is no larger, radians. On nine plain balls (`bench calibration-unknown`, seed
@@ -21,33 +21,54 @@ const KNOWN_RAD: f64 = 0.3 * std::f64::consts::PI / 180.0;
 /// Estimator and pixels that both know a place and differ by more, radians: one of them errs, and neither says which.
 const APART_RAD: f64 = std::f64::consts::PI / 180.0;
 
-/// The calibration of a built pattern, with each dot where it is known best: where the estimator has found it, or where the pixels of its frames
-/// show it. `shown` is what they show, as [`build_pattern`](super::build_pattern) was given it, and `times_s` their times in seconds, where all are known. The pixels are not misled by detections of neighbors.
+/// Calibrates a built pattern, with each dot where it is known best: where the estimator has found it, or where the pixels of its frames
+/// show it. These are not misled by detections of neighbors. `frames` are the clip's, identified with the pattern, `shown` is what they show, as
+/// [`survey`](super::survey) was given it, and `times_s` their times in seconds, where all are known.
 ///
 /// # Errors
-/// [`Error::Argument`](crate::Error::Argument) where these are of another number than the calibration's frames. Where neither knows the place of a dot, or each knows
-/// another, that is no error but [`UnknownRejection::Unconfirmed`].
-pub fn confirmed<F: Borrow<PaintedFrame>>(
-    mut calibration: Calibration,
+/// As [`calibrate`]; [`Error::Argument`](crate::Error::Argument) where `shown` is of another number than the frames. Where neither estimator nor pixels know
+/// the place of a dot, or each knows another, that is no error but [`UnknownRejection::Unconfirmed`].
+pub fn calibrate_built(
     built: &BuiltPattern,
-    shown: &[F],
+    frames: &[FrameEstimate],
+    shown: &[PaintedFrame],
     times_s: Option<&[f64]>,
     config: &CalibrationConfig,
 ) -> Result<std::result::Result<Calibration, UnknownRejection>> {
-    let frames = calibration.frames.len();
-    let given = times_s.map_or(frames, <[f64]>::len);
-    require(
-        shown.len() == frames,
-        "shown",
-        "as many as the calibration's frames",
-        shown.len(),
-    )?;
-    require(
-        given == frames,
-        "times_s",
-        "as many as the calibration's frames",
-        given,
-    )?;
+    let expected = "as many as the frames";
+    require(shown.len() == frames.len(), "shown", expected, shown.len())?;
+    let calibration = calibrate(&built.pattern, frames, times_s, config)?;
+    match calibration {
+        Ok(calibration) => confirmed(calibration, built, shown, times_s, config),
+        Err(rejection) => Ok(Err(rejection.into())),
+    }
+}
+
+impl From<CalibrationRejection> for UnknownRejection {
+    fn from(rejection: CalibrationRejection) -> Self {
+        match rejection {
+            // There is no other table to be tried.
+            CalibrationRejection::OtherBall { identified, balls } => {
+                Self::Unidentified { identified, balls }
+            }
+            CalibrationRejection::Contradiction { missing, expected } => Self::Unconfirmed {
+                dots: missing,
+                found: expected,
+                first: None,
+            },
+            other => Self::Uncalibrated(other),
+        }
+    }
+}
+
+/// A calibration, where estimator or pixels know all dots.
+fn confirmed(
+    mut calibration: Calibration,
+    built: &BuiltPattern,
+    shown: &[PaintedFrame],
+    times_s: Option<&[f64]>,
+    config: &CalibrationConfig,
+) -> Result<std::result::Result<Calibration, UnknownRejection>> {
     let found = calibration.dots.len();
     let landmarks = landmarks(&calibration, built, shown, times_s, config);
     let is_known =
@@ -108,10 +129,10 @@ fn posed(
 }
 
 /// The dots of a calibration by the pixels of its frames.
-fn landmarks<F: Borrow<PaintedFrame>>(
+fn landmarks(
     calibration: &Calibration,
     built: &BuiltPattern,
-    shown: &[F],
+    shown: &[PaintedFrame],
     times_s: Option<&[f64]>,
     config: &CalibrationConfig,
 ) -> Option<Vec<Landmark>> {
@@ -130,7 +151,7 @@ fn landmarks<F: Borrow<PaintedFrame>>(
             })
         });
         Some(PosedFrame {
-            paint: shown[fitted.index].borrow(),
+            paint: &shown[fitted.index],
             view: fitted.view,
             outline: frame.outline?,
             rotation: fitted.rotation,

@@ -47,7 +47,7 @@ impl Map<'_> {
     /// The contrast of each of these marks.
     pub fn contrasts(
         &self,
-        shown: &[&PaintedFrame],
+        shown: &[PaintedFrame],
         surface: &Surface,
         marks: &[Mark],
     ) -> Vec<Contrast> {
@@ -69,7 +69,7 @@ impl Map<'_> {
                     is_sized: false,
                 })
                 .collect();
-            let values = contrasts(shown[seen.index], &seen.view(), &dots)?;
+            let values = contrasts(&shown[seen.index], &seen.view(), &dots)?;
             Some(
                 facing
                     .into_iter()

@@ -57,9 +57,9 @@ impl Map<'_> {
     pub fn judge(
         &self,
         surface: &Surface,
-        shown: &[&PaintedFrame],
+        shown: &[PaintedFrame],
     ) -> std::result::Result<Candidates, UnknownRejection> {
-        let (marks, radius) = self.marks(surface);
+        let (marks, radius) = self.marks(surface).ok_or(UnknownRejection::NoDots)?;
         let blind = surface.unseen(SHOWS * radius);
         let contrasts = self.contrasts(shown, surface, &marks);
         self.candidates((&marks, &contrasts), surface, blind)

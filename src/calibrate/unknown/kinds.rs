@@ -107,7 +107,7 @@ impl Map<'_> {
             })
             .collect();
         let found = witnessed.iter().filter(|w| w.joined.is_some()).count();
-        let typical = typical(&witnessed).ok_or(UnknownRejection::NoPattern { found })?;
+        let typical = typical(&witnessed).ok_or(UnknownRejection::NoDots)?;
         if typical.likeness < HARDLY {
             return Err(UnknownRejection::TooFaint { dots: found });
         }

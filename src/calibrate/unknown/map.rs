@@ -192,17 +192,17 @@ impl<'a> Map<'a> {
         &mut self,
         recognizer: &(RobustRecognizer, Vec<usize>),
     ) -> Option<(usize, Placed)> {
-        let is_placed = |k: &usize| self.placed[*k].is_some();
-        let (placed, mut open): (Vec<usize>, Vec<usize>) =
-            (0..self.frames.len()).partition(is_placed);
-        let gap = |k: &usize| placed.iter().map(|p| p.abs_diff(*k)).min();
-        open.retain(|k| self.tried[*k].is_none_or(|then| placed.len() >= then + TRY_AGAIN));
-        open.sort_by_key(gap);
+        let count = self.count();
+        let gaps = gaps(&self.placed);
+        let is_due = |k: &usize| self.tried[*k].is_none_or(|then| count >= then + TRY_AGAIN);
+        let open = (0..self.frames.len()).filter(|k| self.placed[*k].is_none());
+        let mut open: Vec<usize> = open.filter(is_due).collect();
+        open.sort_by_key(|k| gaps[*k]);
         for k in open {
             if let Some(found) = self.place(k, recognizer) {
                 return Some((k, found));
             }
-            self.tried[k] = Some(placed.len());
+            self.tried[k] = Some(count);
         }
         None
     }
@@ -350,4 +350,22 @@ impl<'a> Map<'a> {
         let nearest = angles.enumerate().min_by(|a, b| a.1.total_cmp(&b.1))?;
         (nearest.1 < within).then_some(nearest.0)
     }
+}
+
+/// How many frames each is away from the nearest placed one.
+fn gaps(placed: &[Option<Placed>]) -> Vec<usize> {
+    let mut gaps = vec![usize::MAX; placed.len()];
+    let mut sweep = |frames: &mut dyn Iterator<Item = usize>| {
+        let mut gap = usize::MAX;
+        for k in frames {
+            gap = match placed[k] {
+                Some(_) => 0,
+                None => gap.saturating_add(1),
+            };
+            gaps[k] = gaps[k].min(gap);
+        }
+    };
+    sweep(&mut (0..placed.len()));
+    sweep(&mut (0..placed.len()).rev());
+    gaps
 }

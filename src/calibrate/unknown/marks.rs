@@ -114,13 +114,14 @@ pub(super) struct MiddleDisc {
 }
 
 impl MiddleDisc {
-    /// Of those among these marks.
-    pub fn of(marks: &[(Mark, Vec<usize>)]) -> Self {
+    /// Of those among these marks, if there is one.
+    pub fn of(marks: &[(Mark, Vec<usize>)]) -> Option<Self> {
         let discs = || marks.iter().map(|(mark, _)| mark).filter(|m| m.is_disc());
-        Self {
+        discs().next()?;
+        Some(Self {
             radius: median(&mut discs().map(|m| m.radius).collect::<Vec<_>>()),
             darkness: median(&mut discs().map(|m| m.darkness).collect::<Vec<_>>()),
-        }
+        })
     }
 }
 

@@ -30,17 +30,16 @@ mod surface;
 mod survey;
 mod tidy;
 
-use std::borrow::Borrow;
-
 use super::config::CalibrationConfig;
-use crate::error::{Error, Result};
+use super::result::CalibrationRejection;
+use crate::error::{Error, Result, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::vision::FrameEstimate;
 use crate::vision::painted::PaintedFrame;
 
 pub use candidates::Kind as MarkKind;
 pub use choice::KnownDots;
-pub use confirm::confirmed;
+pub use confirm::calibrate_built;
 pub use design::matching_design;
 
 pub use crate::vision::painted::SurfaceObserver;
@@ -66,7 +65,7 @@ const MIN_VIEWS: usize = ESTABLISHED;
 /// A pattern built from a clip alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BuiltPattern {
-    /// The pattern, in a frame of its own, about as the detections show it: what is exact is its calibration ([`confirmed`]).
+    /// The pattern, in a frame of its own, about as the detections show it: what is exact is its calibration ([`calibrate_built`]).
     pub pattern: Pattern,
     /// About the angular radii of its dots, radians; empty where no pixels were looked at.
     pub radii_rad: Vec<f64>,
@@ -101,8 +100,8 @@ pub enum UnknownRejection {
     },
     /// A part of the ball was not shown.
     #[error(
-        "too static a clip: {:.1} % of the ball never face the camera in {MIN_VIEWS} frames, or something covers it; turn it \
-         about another axis as well, and move your fingers", 100.0 * blind
+        "too static a clip: {:.2} % of the ball hardly face the camera, or something covers it; turn it about another axis as \
+         well, and move your fingers", 100.0 * blind
     )]
     NotCovered {
         /// Share of the ball's surface.
@@ -178,6 +177,25 @@ pub enum UnknownRejection {
         /// The largest standard deviation of a dot's place, radians.
         sigma_rad: f64,
     },
+    /// Nothing tells what a dot looks like.
+    #[error(
+        "too few dark discs are on the ball to tell what a dot looks like: draw the dots round, filled and alike"
+    )]
+    NoDots,
+    /// The clip is not the ball that it has given.
+    #[error(
+        "the frames contradict each other: {identified} of {balls} frames with a ball are identified with the dots that \
+         they gave (turn the ball more slowly, and film one ball only)"
+    )]
+    Unidentified {
+        /// Frames identified beyond doubt.
+        identified: usize,
+        /// Frames with a ball.
+        balls: usize,
+    },
+    /// The dots that a clip has given cannot be calibrated.
+    #[error(transparent)]
+    Uncalibrated(CalibrationRejection),
     /// Another number of dots than expected.
     #[error("expected {expected} dots, the clip shows {found}")]
     WrongNumber {
@@ -210,6 +228,14 @@ impl UnknownRejection {
                 | Self::WrongNumber { .. }
                 | Self::OtherMarks { .. }
         )
+    }
+
+    /// Where the first of the dots lies that are not confirmed.
+    pub fn side(&self) -> Option<&MissingSide> {
+        match self {
+            Self::Unconfirmed { first, .. } => first.as_ref(),
+            _ => None,
+        }
     }
 
     /// Whether a part of the ball is not shown well enough.
@@ -248,23 +274,34 @@ pub fn build_pattern(
 /// As [`build_pattern`], with what the clip shows of the ball and what it lacks.
 ///
 /// # Errors
-/// [`crate::Error::Argument`] for settings outside their domains.
-pub fn survey<F: Borrow<PaintedFrame>>(
+/// [`crate::Error::Argument`] for settings outside their domains, and another number of frames shown than estimated.
+pub fn survey(
     estimates: &[FrameEstimate],
-    shown: &[F],
+    shown: &[PaintedFrame],
     known: &KnownDots,
     config: &CalibrationConfig,
 ) -> Result<Survey> {
     config.check()?;
+    require(
+        shown.len() == estimates.len(),
+        "shown",
+        "as many as the estimates",
+        shown.len(),
+    )?;
     let mut map = match grown(estimates, config)? {
         Ok(map) => map,
         Err(rejection) => return Ok(Survey::rejected(estimates.len(), rejection)),
     };
     let covered = Surface::new(&mut map, shown)?;
-    let dot = MiddleDisc::of(&marks(&covered));
+    let Some(dot) = MiddleDisc::of(&marks(&covered)) else {
+        return Ok(Survey {
+            placed: map.count(),
+            shown: covered.shown(),
+            ..Survey::rejected(estimates.len(), UnknownRejection::NoDots)
+        });
+    };
     let surface = covered.uncovered(COVER[0] * dot.darkness, COVER[1] * dot.radius)?;
-    let shown: Vec<&PaintedFrame> = shown.iter().map(Borrow::borrow).collect();
-    let candidates = map.judge(&surface, &shown);
+    let candidates = map.judge(&surface, shown);
     let marked = candidates.as_ref().ok();
     let marked = marked.map(|c| MarkedSurface::new(&surface, &c.dots));
     let pattern = candidates.and_then(|c| map.finish(&c, &surface, known));

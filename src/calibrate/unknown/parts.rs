@@ -28,10 +28,11 @@ const WELL: f64 = 0.5;
 const MIN_WELL: usize = 10;
 
 impl Map<'_> {
-    /// The marks of a surface, those that are several dots as these, and the radius of the middle disc, radians.
-    pub fn marks(&self, surface: &Surface) -> (Vec<Mark>, f64) {
+    /// The marks of a surface, those that are several dots as these, and the radius of the middle disc, radians; `None` without a
+    /// disc.
+    pub fn marks(&self, surface: &Surface) -> Option<(Vec<Mark>, f64)> {
         let whole = marks(surface);
-        let radius = MiddleDisc::of(&whole).radius;
+        let radius = MiddleDisc::of(&whole)?.radius;
         let parted = whole.iter().map(|(mark, members)| {
             let is_long = |parts: &Vec<Mark>| {
                 let views = self.facing(&mark.direction, WELL).count();
@@ -41,7 +42,7 @@ impl Map<'_> {
             let parts = parts.flatten().filter(is_long);
             parts.unwrap_or_else(|| vec![*mark])
         });
-        (parted.flatten().collect(), radius)
+        Some((parted.flatten().collect(), radius))
     }
 }
 

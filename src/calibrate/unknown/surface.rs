@@ -3,8 +3,6 @@
 //! The frames that the detections placed make the first map; those that showed too few dots are then laid on it by their pixels, and all make
 //! the next ([`PaintMapper`]). Fingers, which are larger than dots, are then left out where other views show what is beneath them.
 
-use std::borrow::Borrow;
-
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 use super::map::{Map, Placed};
@@ -58,10 +56,10 @@ impl Surface {
     ///
     /// # Errors
     /// [`Error::Argument`] where no search tree can be made.
-    pub fn new<F: Borrow<PaintedFrame>>(map: &mut Map<'_>, shown: &[F]) -> Result<Self> {
+    pub fn new(map: &mut Map<'_>, shown: &[PaintedFrame]) -> Result<Self> {
         let mut frames: Vec<MappedFrame<'_>> = (map.frames.iter().zip(&map.placed))
             .map(|(seen, placed)| MappedFrame {
-                paint: shown[seen.index].borrow(),
+                paint: &shown[seen.index],
                 view: seen.view(),
                 rotation: placed.as_ref().map(|p| seen.to_view() * p.rotation),
             })

@@ -5,29 +5,24 @@ use std::path::{Path, PathBuf};
 use super::unknown::{self, UnknownBall};
 use super::{Arguments, no_answer};
 use crate::ball::Ball;
-use crate::calibrate::{Calibration, CalibrationConfig, KnownDots, calibrate, identify_frames};
-use crate::cli::images::order_warning;
+use crate::calibrate::{
+    Calibration, CalibrationConfig, KnownDots, MarkedSurface, calibrate, identify_frames,
+};
+use crate::cli::inputs;
 use crate::error::{Error, Result};
-use crate::vision::estimator::{SequenceOutcome, estimate_inputs};
+use crate::vision::estimator::{Batch, SequenceOutcome, estimate_inputs};
 use crate::vision::{Estimator, FrameEstimate};
 
 /// A ball, and what the frames of a clip say of it.
 pub(super) struct CalibratedClip {
     /// The ball before.
     pub ball: Ball,
-    pub origin: Origin,
+    /// Whether it was drawn from a design, rather than found by the clip alone.
+    pub is_design: bool,
+    /// Where it was found by the clip, its surface with all marks.
+    pub surface: Option<MarkedSurface>,
     pub frames: IdentifiedFrames,
     pub calibration: Calibration,
-}
-
-/// Where a ball comes from.
-pub(super) enum Origin {
-    /// A file.
-    Design,
-    /// The clip itself, whose marks lie in the folder.
-    Clip,
-    /// A clip that was looked at while it was filmed.
-    Live,
 }
 
 /// Frames identified with one ball.
@@ -35,6 +30,15 @@ pub(super) struct IdentifiedFrames {
     pub estimates: Vec<FrameEstimate>,
     /// Their times, where these are known.
     pub times_s: Option<Vec<f64>>,
+}
+
+impl IdentifiedFrames {
+    fn of(batch: Batch<()>) -> Self {
+        Self {
+            times_s: batch.times_s(),
+            estimates: batch.frames.into_iter().map(|f| f.estimate).collect(),
+        }
+    }
 }
 
 /// Finds the ball that the clip shows, and calibrates it.
@@ -55,13 +59,12 @@ pub(super) fn read(
                     errln!("the ball is none of these designs");
                 }
                 let ball = Ball::new(clip.built.pattern.clone());
-                let frames = identified(arguments, &ball, config)?;
-                let calibration = calibrated(arguments, &ball, &frames, config)?;
-                let times = frames.times_s.as_deref();
+                let frames = IdentifiedFrames::of(estimated(arguments, &ball, config)?);
                 return Ok(CalibratedClip {
-                    calibration: clip.confirmed(arguments, calibration, times, config)?,
+                    calibration: clip.calibrated(arguments, &frames, config)?,
                     ball,
-                    origin: Origin::Clip,
+                    is_design: false,
+                    surface: clip.surface,
                     frames,
                 });
             }
@@ -71,32 +74,19 @@ pub(super) fn read(
     if arguments.is_unknown() || several {
         errln!("the ball is drawn from {}", path.display());
     }
+    let times = frames.times_s.as_deref();
+    let found = calibrate(ball.pattern(), &frames.estimates, times, config)?;
     Ok(CalibratedClip {
-        calibration: calibrated(arguments, &ball, &frames, config)?,
+        calibration: found.map_err(|rejection| no_answer(&arguments.clip[0], &rejection))?,
         ball,
-        origin: Origin::Design,
+        is_design: true,
+        surface: None,
         frames,
     })
 }
 
-/// The ball as these frames measure it.
-fn calibrated(
-    arguments: &Arguments,
-    ball: &Ball,
-    frames: &IdentifiedFrames,
-    config: &CalibrationConfig,
-) -> Result<Calibration> {
-    let times = frames.times_s.as_deref();
-    let found = calibrate(ball.pattern(), &frames.estimates, times, config)?;
-    found.map_err(|rejection| no_answer(&arguments.clip[0], &rejection))
-}
-
 /// The frames of the clip, identified with a ball.
-fn identified(
-    arguments: &Arguments,
-    ball: &Ball,
-    config: &CalibrationConfig,
-) -> Result<IdentifiedFrames> {
+fn estimated(arguments: &Arguments, ball: &Ball, config: &CalibrationConfig) -> Result<Batch<()>> {
     let estimator = Estimator::for_ball(ball, config.estimator, arguments.images.detector()?)?;
     let batch = estimate_inputs(&estimator, &arguments.clip, &arguments.batch()?, &())?;
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
@@ -105,13 +95,7 @@ fn identified(
     if let Some(problem) = batch.times.problem() {
         errln!("spindoe: {problem}: give --fps");
     }
-    if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
-        errln!("spindoe: {warning}");
-    }
-    Ok(IdentifiedFrames {
-        times_s: batch.times_s(),
-        estimates: batch.frames.into_iter().map(|f| f.estimate).collect(),
-    })
+    Ok(batch)
 }
 
 /// The ball that fits the frames best, and the frames as it identifies them.
@@ -124,7 +108,9 @@ fn best<'a>(
     let (mut ball, mut path) = designs
         .next()
         .ok_or_else(|| Error::argument("table", "expected a table"))?;
-    let mut frames = identified(arguments, &ball, config)?;
+    let batch = estimated(arguments, &ball, config)?;
+    inputs::say(&batch, &arguments.batch()?)?;
+    let mut frames = IdentifiedFrames::of(batch);
     for (other, its_path) in designs {
         let estimates = identify_frames(&other, &config.estimator, &frames.estimates)?;
         if trust(&estimates) > trust(&frames.estimates) {

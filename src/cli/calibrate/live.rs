@@ -1,20 +1,23 @@
 //! `spindoe calibrate --live -`: a ball without a table while it is filmed, until all of it is shown.
 
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::clip::{CalibratedClip, IdentifiedFrames, Origin};
+use super::clip::{CalibratedClip, IdentifiedFrames};
 use super::unknown::stand_in;
 use super::{Arguments, no_answer};
 use crate::ball::Ball;
 use crate::calibrate::live::{LiveClip, LivePattern};
-use crate::calibrate::{CalibrationConfig, KnownDots, Survey, UnknownRejection};
+use crate::calibrate::{CalibrationConfig, KnownDots, MissingSide, Survey, UnknownRejection};
 use crate::cli::pipe::Pipe;
 use crate::error::{Error, Result};
 use crate::image::DEFAULT_MAX_PIXELS;
 use crate::source::Frame;
-use crate::vision::Prior;
+use crate::vision::{NamedDetector, Prior};
 
-/// Reads frames until they show the whole ball.
+/// Frames without a ball after which that is said.
+const EMPTY: u64 = 60;
+
+/// Reads frames until they show the whole ball, or end.
 pub(super) fn read(
     arguments: &Arguments,
     known: KnownDots,
@@ -41,57 +44,104 @@ pub(super) fn read(
     let answer = "spindoe: no more frames are taken; once more ends at once";
     let stop = crate::cli::interrupt::stop_on_interrupt(answer)?;
     let mut clip = LiveClip::new(stand_in(arguments, config)?, known, config.clone());
+    let found = filmed(&mut pipe, &mut clip, &prior, &stop)?;
+    // From here on a signal ends the process.
+    stop.store(true, Ordering::Relaxed);
+    if let Some(found) = found {
+        return Ok(found.into());
+    }
+    let survey = clip.finish()?;
+    errln!("{}", so_far(&survey));
+    let refused = |why: &UnknownRejection, side: Option<&MissingSide>| {
+        let mut reason = why.to_string();
+        if let Some(side) = side {
+            let there = side.now.words();
+            reason += &format!("; what is missing was {there} in the last frame");
+        }
+        if why.is_of_marks() {
+            reason += "; to name the dots (--marks) give the clip as a file";
+        }
+        no_answer(&pipe.name, &reason)
+    };
+    let missing = survey.missing;
+    let built = survey.pattern;
+    let built = built.map_err(|why| refused(&why, missing.as_ref()))?;
+    let found = clip.confirm(built)?;
+    Ok(found.map_err(|why| refused(&why, why.side()))?.into())
+}
+
+/// Takes frames in, and says what they show, until a pattern is confirmed; `None` where they end before.
+fn filmed(
+    pipe: &mut Pipe,
+    clip: &mut LiveClip<NamedDetector>,
+    prior: &Prior,
+    stop: &AtomicBool,
+) -> Result<Option<LivePattern>> {
     let mut frame = Frame::default();
-    while !stop.load(Ordering::Relaxed) {
+    let mut taken = 0;
+    let found = loop {
+        if stop.load(Ordering::Relaxed) {
+            break None;
+        }
+        if clip.is_full() {
+            errln!("{} frames of the ball: no more are taken", clip.frames());
+            break None;
+        }
         let time_s = match pipe.next_frame(&mut frame) {
             Ok(Some(time_s)) => time_s,
-            Ok(None) => break,
+            Ok(None) => break None,
             // Ctrl-C ends the camera's command, too, and cuts its last frame.
-            Err(_) if stop.load(Ordering::Relaxed) => break,
+            Err(_) if stop.load(Ordering::Relaxed) => break None,
+            Err(problem) if clip.frames() > 0 => {
+                errln!("spindoe: {problem}: what was filmed until then is judged");
+                break None;
+            }
             Err(problem) => return Err(problem),
         };
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
-        let picture = picture.map_err(Error::Internal)?;
-        clip.push(picture, &prior, time_s)?;
-        if let Some(survey) = clip.poll()? {
-            say(&survey);
-            if let Ok(built) = survey.pattern {
-                match clip.confirm(built)? {
-                    Ok(found) => return Ok(found.into()),
-                    Err(why) => errln!("not yet: {why}"),
-                }
+        clip.push(picture.map_err(Error::Internal)?, prior, time_s)?;
+        taken += 1;
+        if taken == EMPTY && clip.frames() == 0 {
+            errln!("{EMPTY} frames, and none shows a ball");
+        }
+        let Some(survey) = clip.poll()? else { continue };
+        say(&survey);
+        if let Ok(built) = survey.pattern {
+            match clip.confirm(built)? {
+                Ok(found) => break Some(found),
+                Err(why) => errln!("not yet: {}", and_now(&why, why.side())),
             }
         }
-    }
-    let survey = clip.finish()?;
-    say(&survey);
-    let built = survey.pattern.map_err(|r| match r.is_of_marks() {
-        true => no_answer(
-            &pipe.name,
-            &format!("{r}; to name the dots (--marks) give the clip as a file"),
-        ),
-        false => no_answer(&pipe.name, &r),
-    })?;
-    let found = clip.confirm(built)?;
-    Ok(found.map_err(|why| no_answer(&pipe.name, &why))?.into())
+    };
+    pipe.say_dropped(taken);
+    Ok(found)
 }
 
 /// What is shown so far, and what to turn to the camera.
 fn say(survey: &Survey) {
-    let so_far = format!(
-        "{} of {} frames placed, {:.0} % of the ball shown, {} dots",
+    let so_far = so_far(survey);
+    match &survey.pattern {
+        Ok(_) => errln!("{so_far}: all of it"),
+        Err(why) => errln!("{so_far}; {}", and_now(why, survey.missing.as_ref())),
+    }
+}
+
+/// What is shown so far.
+fn so_far(survey: &Survey) -> String {
+    format!(
+        "{} of {} frames placed, {:.1} % of the ball shown, {} dots",
         survey.placed,
         survey.frames,
         100.0 * survey.shown,
         survey.dots
-    );
-    match (&survey.pattern, survey.missing) {
-        (Ok(_), _) => errln!("{so_far}: all of it"),
-        (Err(UnknownRejection::TooFewFrames { .. }), _) => {
-            errln!("{} frames: go on", survey.frames)
-        }
-        (Err(_), Some(side)) => errln!("{so_far}; now show what is {}", side.now.words()),
-        (Err(why), None) => errln!("{so_far}; {why}"),
+    )
+}
+
+/// What to turn to the camera, else what is wrong.
+fn and_now(why: &UnknownRejection, side: Option<&MissingSide>) -> String {
+    match side {
+        Some(side) => format!("now show what is {}", side.now.words()),
+        None => why.to_string(),
     }
 }
 
@@ -99,7 +149,8 @@ impl From<LivePattern> for CalibratedClip {
     fn from(found: LivePattern) -> Self {
         Self {
             ball: Ball::new(found.built.pattern.clone()),
-            origin: Origin::Live,
+            is_design: false,
+            surface: None,
             frames: IdentifiedFrames {
                 estimates: found.frames,
                 times_s: Some(found.times_s),

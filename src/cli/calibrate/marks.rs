@@ -5,15 +5,15 @@ use std::str::FromStr;
 
 use crate::calibrate::MarkedSurface;
 use crate::error::{Error, Result};
-use crate::files;
 use crate::files::csv::{Columns, Table};
+use crate::files::{self, Replacement};
 use crate::geometry::Vec3;
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
 use crate::plot::surface_views;
 
 /// The picture, and the marks in it.
 pub(super) const FILES: [&str; 2] = [PICTURE, MARKS];
-const PICTURE: &str = "marks.png";
+pub(super) const PICTURE: &str = "marks.png";
 const MARKS: &str = "marks.csv";
 
 static COLUMNS: Columns<5> = Columns {
@@ -64,25 +64,47 @@ impl MarkNumbers {
     }
 }
 
-/// Writes a ball's marks into a folder; the picture.
-pub(super) fn write(folder: &Path, surface: &MarkedSurface) -> Result<PathBuf> {
-    let picture = folder.join(PICTURE);
-    surface_views(&picture, surface)?;
+/// Leaves a ball's marks in a folder; the picture.
+pub(super) fn leave(folder: &Path, surface: &MarkedSurface) -> Result<PathBuf> {
+    // The numbers of one are those of the other.
+    let set = Replacement::begin(folder)?;
+    write(set.path(), surface)?;
+    set.publish(&FILES, &[], PICTURE)?;
+    Ok(folder.join(PICTURE))
+}
+
+/// Writes a ball's marks into a folder.
+pub(super) fn write(folder: &Path, surface: &MarkedSurface) -> Result<()> {
+    surface_views(&folder.join(PICTURE), surface)?;
     let mut text = COLUMNS.names.join(",") + "\n";
     for (number, mark) in surface.marks.iter().enumerate() {
         let [x, y, z] = [mark.direction.x, mark.direction.y, mark.direction.z];
         text += &format!("{number},{x},{y},{z},{}\n", mark.kind.as_str());
     }
-    files::write_bytes(&folder.join(MARKS), text.as_bytes())?;
-    Ok(picture)
+    files::write_bytes(&folder.join(MARKS), text.as_bytes())
 }
 
 /// Where the marks of these numbers are that an earlier run has left in a folder.
 pub(super) fn read(folder: &Path, numbers: &MarkNumbers) -> Result<Vec<Vec3>> {
     let path = folder.join(MARKS);
+    if !path.exists() {
+        let problem = format!(
+            "expected {}, which a run without --marks leaves",
+            path.display()
+        );
+        return Err(Error::argument("--marks", problem));
+    }
     let mut table = Table::new(&path, files::open(&path)?, &COLUMNS)?;
     let mut marks = Vec::new();
     while let Some(row) = table.next_row()? {
+        let number = row.count(0).map_err(|problem| row.error(problem))?;
+        if number != Some(marks.len()) {
+            let problem = format!(
+                "expected mark {}: the rows as they were written",
+                marks.len()
+            );
+            return Err(row.error(problem));
+        }
         let mut place = [0.0; 3];
         for (k, value) in place.iter_mut().enumerate() {
             let number = row.number(1 + k).map_err(|problem| row.error(problem))?;

@@ -10,11 +10,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use self::clip::Origin;
 use super::images::{ImageArguments, read_balls};
 use crate::calibrate::{CalibrationConfig, KnownDots};
 use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
+use crate::pattern::{MAX_DOTS, MIN_DOTS};
 use crate::report::CHECKPOINT;
 use crate::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, FILES, evaluate_calibration,
@@ -62,7 +62,7 @@ pub struct Arguments {
     #[arg(long, value_name = "WxH,PIXEL", value_parser = crate::cli::pipe::pipe_format, requires = "live")]
     raw: Option<PipeFormat>,
     /// Number of dots on the ball, where it is known: another number is refused.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = dots_number)]
     dots: Option<usize>,
     /// Which marks of a ball without a table are its dots, by the numbers in the marks.png of the folder that an earlier run
     /// on this clip has left there: `0-17,19`.
@@ -75,7 +75,7 @@ pub struct Arguments {
     #[arg(long)]
     overwrite: bool,
     /// Take steady marks that the pattern lacks into it.
-    #[arg(long)]
+    #[arg(long, requires = "table")]
     learn_extra: bool,
     /// Expected error of a drawn dot per tangent axis, degrees.
     #[arg(
@@ -123,7 +123,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let known = arguments.known()?;
     let set = Replacement::begin(&arguments.output)?;
     let clip = match arguments.live {
-        true => live::read(arguments, known, &config)?,
+        true => live::read(arguments, known.clone(), &config)?,
         false => clip::read(arguments, balls, &known, &config)?,
     };
     errln!("judging the calibration on frames that take no part, and by Monte Carlo");
@@ -133,7 +133,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let source = CalibrationSource {
         nominal: clip.ball.pattern(),
-        is_design: matches!(clip.origin, Origin::Design),
+        is_design: clip.is_design,
         frames: &clip.frames.estimates,
         times_s: clip.frames.times_s.as_deref(),
     };
@@ -141,11 +141,21 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     evaluated.report.command = Some(crate::cli::output::command_line());
     evaluated.ball = evaluated.ball.with_design(clip.ball.design().cloned())?;
     evaluated.write(set.path())?;
-    let has_marks = matches!(clip.origin, Origin::Clip);
+    if let Some(surface) = &clip.surface {
+        marks::write(set.path(), surface)?;
+    }
     // Marks of another ball are not to stand beside this one.
-    let gone = marks::FILES.iter().filter(|_| !has_marks);
-    let gone: Vec<&str> = FILES.iter().chain(gone).copied().collect();
+    let gone: Vec<&str> = FILES.iter().chain(&marks::FILES).copied().collect();
     set.publish(&gone, &[], "report.json")?;
+    if clip.surface.is_some() && known == KnownDots::Nothing {
+        // Print that looks like a dot is one to every test.
+        errln!(
+            "spindoe: {} dots were found: compare that with the ball and with {}; where it differs name the dots \
+             (--overwrite --marks)",
+            clip.ball.pattern().len(),
+            arguments.output.join(marks::PICTURE).display()
+        );
+    }
     if arguments.json {
         return crate::cli::print_json(&evaluated.report);
     }
@@ -189,6 +199,10 @@ impl Arguments {
 
     /// What is said of the dots of a ball without a table.
     fn known(&self) -> Result<KnownDots> {
+        if self.dots.is_some() && !self.is_unknown() {
+            let problem = "expected without --table, which says how many they are";
+            return Err(Error::argument("--dots", problem));
+        }
         Ok(match (&self.marks, self.dots) {
             (Some(marks), Some(number)) if marks.len() != number => {
                 let problem = format!(
@@ -202,6 +216,13 @@ impl Arguments {
             (None, None) => KnownDots::Nothing,
         })
     }
+}
+
+/// Parses a number of dots.
+fn dots_number(text: &str) -> std::result::Result<usize, String> {
+    let number = text.parse().ok();
+    let number = number.filter(|n| (MIN_DOTS..=MAX_DOTS).contains(n));
+    number.ok_or_else(|| format!("expected {MIN_DOTS} to {MAX_DOTS}"))
 }
 
 /// The clip of this name cannot be calibrated.

@@ -2,13 +2,15 @@
 
 use std::path::Path;
 
+use super::clip::IdentifiedFrames;
 use super::{Arguments, marks, no_answer};
 use crate::ball::Ball;
 use crate::calibrate::{
-    BuiltPattern, Calibration, CalibrationConfig, KnownDots, MissingSide, SurfaceObserver, Survey,
-    UnknownRejection, confirmed, matching_design, survey,
+    BuiltPattern, Calibration, CalibrationConfig, KnownDots, MarkedSurface, MissingSide,
+    SurfaceObserver, Survey, UnknownRejection, calibrate_built, matching_design, survey,
 };
-use crate::error::Result;
+use crate::cli::inputs;
+use crate::error::{Error, Result};
 use crate::geometry::spiral_directions;
 use crate::pattern::Pattern;
 use crate::vision::estimator::estimate_inputs;
@@ -29,28 +31,26 @@ pub(super) enum UnknownBall {
 /// A pattern built from a clip.
 pub(super) struct BuiltClip {
     pub built: BuiltPattern,
+    pub surface: Option<MarkedSurface>,
     /// What the frames show of the ball, and their names.
     shown: Vec<PaintedFrame>,
     names: Vec<String>,
 }
 
 impl BuiltClip {
-    /// The calibration, where the pixels of all frames confirm it.
-    pub fn confirmed(
+    /// The pattern as the clip's frames measure it.
+    pub fn calibrated(
         &self,
         arguments: &Arguments,
-        calibration: Calibration,
-        times_s: Option<&[f64]>,
+        frames: &IdentifiedFrames,
         config: &CalibrationConfig,
     ) -> Result<Calibration> {
-        let confirmed = confirmed(calibration, &self.built, &self.shown, times_s, config)?;
-        confirmed.map_err(|rejection| {
-            let side = match &rejection {
-                UnknownRejection::Unconfirmed { first, .. } => first.as_ref(),
-                _ => None,
-            };
-            let reason = lacking(&rejection, side, &self.names);
-            no_answer(&arguments.clip[0], &reason)
+        let times = frames.times_s.as_deref();
+        let (built, shown) = (&self.built, &self.shown);
+        let found = calibrate_built(built, &frames.estimates, shown, times, config)?;
+        found.map_err(|why| {
+            let reason = lacking(&why, why.side(), &self.names);
+            refused(arguments, &why, reason, self.surface.as_ref())
         })
     }
 }
@@ -75,66 +75,54 @@ pub(super) fn find(
     let settings = SurfaceObserver::settings(arguments.batch()?);
     let observer = SurfaceObserver::default();
     let batch = estimate_inputs(&estimator, &arguments.clip, &settings, &observer)?;
+    inputs::say(&batch, &settings)?;
     let names: Vec<String> = batch.frames.iter().map(|f| f.name.clone()).collect();
     let frames = batch.frames.into_iter().map(|f| (f.estimate, f.kept));
     let (frames, shown): (Vec<FrameEstimate>, Vec<PaintedFrame>) = frames.unzip();
-    let built = built(
-        arguments,
-        survey(&frames, &shown, known, config)?,
-        known,
-        &names,
-    )?;
+    let Survey {
+        pattern,
+        surface,
+        missing,
+        ..
+    } = survey(&frames, &shown, known, config)?;
+    let built = pattern.map_err(|why| {
+        let reason = lacking(&why, missing.as_ref(), &names);
+        refused(arguments, &why, reason, surface.as_ref())
+    })?;
     let patterns: Vec<Pattern> = designs.iter().map(|d| d.0.pattern().clone()).collect();
     Ok(match matching_design(&built.pattern, &patterns)? {
         Some(design) => UnknownBall::Design(design),
         None => UnknownBall::Built(BuiltClip {
             built,
+            surface,
             shown,
             names,
         }),
     })
 }
 
-/// The pattern of a survey, whose marks are drawn into the folder.
-fn built(
+/// Why there is no answer, with the ball's marks left in the folder; those that a person has named by their numbers stay.
+fn refused(
     arguments: &Arguments,
-    survey: Survey,
-    known: &KnownDots,
-    names: &[String],
-) -> Result<BuiltPattern> {
-    // What the numbers are of that a person gave stays.
-    let is_other = matches!(survey.pattern, Err(UnknownRejection::OtherMarks { .. }));
-    let surface = survey.surface.as_ref().filter(|_| !is_other);
-    let write = |surface| marks::write(&arguments.output, surface);
-    let picture = surface.map(write).transpose()?;
-    let picture = picture.as_ref().map(|p| p.display());
-    match survey.pattern {
-        Ok(built) => {
-            if *known == KnownDots::Nothing
-                && let Some(picture) = picture
-            {
-                // Print that looks like a dot is one to every test.
-                errln!(
-                    "spindoe: {} dots were found: compare that with the ball and with {picture}; where it differs name \
-                     the dots (--overwrite --marks)",
-                    built.pattern.len()
-                );
-            }
-            Ok(built)
+    why: &UnknownRejection,
+    mut reason: String,
+    surface: Option<&MarkedSurface>,
+) -> Error {
+    let surface = surface.filter(|_| arguments.marks.is_none());
+    let picture = surface.map(|surface| marks::leave(&arguments.output, surface));
+    reason += &match picture {
+        Some(Err(problem)) => return problem,
+        Some(Ok(picture)) if why.is_of_marks() => {
+            let picture = picture.display();
+            format!("; name the dots by their numbers in {picture} (--marks)")
         }
-        Err(rejection) => {
-            let mut reason = lacking(&rejection, survey.missing.as_ref(), names);
-            reason += &match picture {
-                Some(picture) if rejection.is_of_marks() => {
-                    format!("; name the dots by their numbers in {picture} (--marks)")
-                }
-                Some(picture) => format!("; {picture} shows the ball's surface"),
-                None if is_other => "; run it without --marks and look at marks.png".to_owned(),
-                None => String::new(),
-            };
-            Err(no_answer(&arguments.clip[0], &reason))
+        Some(Ok(picture)) => format!("; {} shows the ball's surface", picture.display()),
+        None if matches!(why, UnknownRejection::OtherMarks { .. }) => {
+            "; run it without --marks and look at marks.png".to_owned()
         }
-    }
+        None => String::new(),
+    };
+    no_answer(&arguments.clip[0], &reason)
 }
 
 /// Why there is no answer, and where what is missing lies in the frames of these names, if it is a side of the ball.

@@ -14,14 +14,22 @@ pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, 
         advice,
         ..
     } = &evaluated.report;
+    // What is built from the clip has no places that were meant.
+    let is_design = evaluated.report.nominal_sha256.is_some();
+    let off = match is_design {
+        true => format!(
+            ", {:.2} deg rms off their nominal places",
+            evaluated.report.rms_offset_deg
+        ),
+        false => String::new(),
+    };
     outln!(
-        "{}: {} of {} dots measured from {} of {} frames, {:.2} deg rms off their nominal places",
+        "{}: {} of {} dots measured from {} of {} frames{off}",
         out.display(),
         calibration.measured(),
         calibration.dots.len(),
         frames.fitted,
-        frames.given,
-        evaluated.report.rms_offset_deg
+        frames.given
     );
     for (state, words) in [
         (
@@ -44,7 +52,8 @@ pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, 
         let [x, y, z] = mark.direction;
         let taken = match mark.number {
             Some(number) => format!("taken in as dot {number}"),
-            None => "left out (--learn-extra takes it in)".to_owned(),
+            None if is_design => "left out (--learn-extra takes it in)".to_owned(),
+            None => "left out".to_owned(),
         };
         outln!(
             "  a mark at ({x:.3}, {y:.3}, {z:.3}), found in {} of {} views: {taken}",

@@ -8,8 +8,9 @@ use serde_json::json;
 
 #[cfg(feature = "plot")]
 use super::overlay;
-use super::{Arguments, Pictures, follow, inputs};
+use super::{Arguments, Pictures, follow};
 use crate::cli::images::{order_warning, read_balls};
+use crate::cli::inputs;
 use crate::cli::output::Counter;
 use crate::error::{Error, Result};
 use crate::files;

@@ -75,14 +75,7 @@ pub(super) fn each_frame(
             .and_then(|()| stdout.flush())
             .map_err(crate::cli::stdout_error)?;
     }
-    let dropped = pipe.dropped();
-    if dropped > 0 {
-        errln!(
-            "{}: warning: {dropped} of {} frames came faster than they can be looked at, and were dropped",
-            pipe.name.display(),
-            followed + dropped
-        );
-    }
+    pipe.say_dropped(followed);
     finish(&pipe.name, followed, identified)
 }
 

@@ -2,7 +2,6 @@
 
 mod balls;
 mod follow;
-mod inputs;
 mod output;
 #[cfg(feature = "plot")]
 mod overlay;
@@ -20,6 +19,7 @@ use clap::Args;
 
 use super::flashes::Flashes;
 use super::images::{ImageArguments, order_warning, read_balls, unused_warning};
+use super::inputs;
 use super::output::{Counter, one_of};
 use crate::ball::Ball;
 use crate::calibrate::{CalibrationConfig, calibrate};

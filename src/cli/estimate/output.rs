@@ -6,7 +6,8 @@ use nalgebra::Matrix3;
 use serde_json::{Value, json};
 
 use super::verdict::Judgment;
-use super::{Arguments, Picture, inputs};
+use super::{Arguments, Picture};
+use crate::cli::inputs;
 use crate::cli::motion::Motion;
 use crate::cli::spin_summary;
 use crate::cli::spin_summary::LISTED_BEYOND;

@@ -1,12 +1,10 @@
 //! `spindoe estimate --painted`: orientations of a ball with marks of any shape.
 
-use std::path::PathBuf;
-
 use serde_json::{Value, json};
 
-use super::{Arguments, inputs, output};
+use super::{Arguments, output};
 use crate::ball::Ball;
-use crate::cli::images::{order_warning, unused_warning};
+use crate::cli::inputs;
 use crate::cli::output::Counter;
 use crate::cli::spin_summary;
 use crate::error::{Error, Result};
@@ -20,8 +18,7 @@ use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
 use crate::vision::estimator::{
-    Batch, BatchConfig, BatchFrame, BatchObserver, SequenceOutcome, estimate_inputs,
-    turned_covariance,
+    Batch, BatchFrame, BatchObserver, SequenceOutcome, estimate_inputs, turned_covariance,
 };
 use crate::vision::painted::{
     PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface, SurfaceObserver,
@@ -65,7 +62,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let tracker = PaintedTracker::new(&arguments.source.camera()?);
     let mut batch = estimate_inputs(&estimator, &arguments.images, &config, &shown)?;
     shown.counter.finish();
-    say_inputs(&batch, &config)?;
+    inputs::say(&batch, &config)?;
+    if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
+        errln!("spindoe: the times do not increase from frame to frame: no spin");
+    }
     let kept = batch.frames.iter_mut();
     let frames: Vec<PaintedFrame> = kept.map(|f| std::mem::take(&mut f.kept)).collect();
     let (poses, made) = match &surface {
@@ -113,23 +113,6 @@ impl Arguments {
             }
         }
     }
-}
-
-/// What is to be said of the inputs.
-fn say_inputs(batch: &Batch<PaintedFrame>, config: &BatchConfig) -> Result<()> {
-    if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
-        errln!("spindoe: {warning}");
-    }
-    let paths: Vec<PathBuf> = batch.frames.iter().map(|f| f.path.clone()).collect();
-    if let Some(warning) = unused_warning(config.circles.as_ref(), &paths)? {
-        errln!("spindoe: {warning}");
-    }
-    if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
-        errln!("spindoe: the times do not increase from frame to frame: no spin");
-    }
-    inputs::say_skipped(&batch.skipped);
-    inputs::say_cut_short(&batch.cut_short);
-    Ok(())
 }
 
 /// What is reported.

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 use rayon::prelude::*;
 use spindoe::calibrate::{
-    CalibrationConfig, KnownDots, SurfaceObserver, Survey, calibrate, confirmed, survey,
+    CalibrationConfig, KnownDots, SurfaceObserver, Survey, calibrate_built, survey,
 };
 use spindoe::geometry::{Vec3, angle_between, spiral_directions};
 use spindoe::plot::surface_views;
@@ -108,7 +108,7 @@ impl Args {
             .collect();
         let judged = judged?;
         let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
-        for (k, clip) in judged.iter().enumerate() {
+        for (k, clip) in (self.first..).zip(&judged) {
             let outcome = match &clip.built {
                 Built::Rejected(why) => {
                     let reason = why.split(':').next().unwrap_or(why);
@@ -212,16 +212,9 @@ impl Args {
                 let mut frames = Vec::with_capacity(clip.frames());
                 clip.show(|seen| frames.push(alone(&estimator, &seen.image, &mut workspace)))?;
                 let times: Vec<f64> = (0..clip.frames()).map(|k| k as f64 / clip.fps).collect();
-                match calibrate(&built.pattern, &frames, Some(&times), &config)? {
+                match calibrate_built(&built, &frames, &taken, Some(&times), &config)? {
                     Err(rejection) => Built::Rejected(rejection.to_string()),
-                    Ok(calibration) => {
-                        match confirmed(calibration, &built, &taken, Some(&times), &config)? {
-                            Err(rejection) => Built::Rejected(rejection.to_string()),
-                            Ok(confirmed) => {
-                                judged(&confirmed.pattern()?, &clip.truth, &shown.hidden)?
-                            }
-                        }
-                    }
+                    Ok(found) => judged(&found.pattern()?, &clip.truth, &shown.hidden)?,
                 }
             }
         };

@@ -4,7 +4,8 @@ use serde_json::{Value, json};
 
 #[cfg(feature = "plot")]
 use crate::cli::estimate::overlay;
-use crate::cli::estimate::{Arguments, Picture, inputs, output};
+use crate::cli::estimate::{Arguments, Picture, output};
+use crate::cli::inputs;
 use crate::cli::spin_summary;
 use crate::error::Result;
 use crate::files::csv::shown;

@@ -2,13 +2,29 @@
 
 use std::path::PathBuf;
 
+use super::images::{order_warning, unused_warning};
+use crate::error::Result;
 use crate::files::csv::shown;
 use crate::source::files::SkippedFiles;
 use crate::source::video::VideoClock;
-use crate::vision::estimator::TimeSource;
+use crate::vision::estimator::{Batch, BatchConfig, TimeSource};
 
 /// Skipped files that are named.
 const MAX_NAMED: usize = 5;
+
+/// What is to be said of the inputs.
+pub(super) fn say<K>(batch: &Batch<K>, config: &BatchConfig) -> Result<()> {
+    if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
+        errln!("spindoe: {warning}");
+    }
+    let paths: Vec<PathBuf> = batch.frames.iter().map(|f| f.path.clone()).collect();
+    if let Some(warning) = unused_warning(config.circles.as_ref(), &paths)? {
+        errln!("spindoe: {warning}");
+    }
+    say_skipped(&batch.skipped);
+    say_cut_short(&batch.cut_short);
+    Ok(())
+}
 
 /// Names the files of folders that are no images.
 pub(super) fn say_skipped(all: &[SkippedFiles]) {
