@@ -11,14 +11,10 @@ use crate::calibrate::{
 };
 use crate::cli::inputs;
 use crate::error::{Error, Result};
-use crate::geometry::spiral_directions;
 use crate::pattern::Pattern;
 use crate::vision::estimator::estimate_inputs;
 use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate, NamedDetector};
-
-/// Directions of the pattern that stands in where none is known: only its detections are used.
-const STAND_IN_DOTS: usize = 20;
 
 /// What ball a clip shows.
 pub(super) enum UnknownBall {
@@ -60,7 +56,7 @@ pub(super) fn stand_in(
     arguments: &Arguments,
     config: &CalibrationConfig,
 ) -> Result<Estimator<NamedDetector>> {
-    let pattern = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
+    let pattern = SurfaceObserver::stand_in()?;
     Estimator::new(&pattern, config.estimator, arguments.images.detector()?)
 }
 

@@ -9,9 +9,8 @@ use crate::cli::output::Counter;
 use crate::cli::spin_summary;
 use crate::error::{Error, Result};
 use crate::files;
-use crate::geometry::{CameraFrame, spiral_directions, to_wxyz};
+use crate::geometry::{CameraFrame, to_wxyz};
 use crate::image::RgbImage;
-use crate::pattern::Pattern;
 use crate::spin::SpinRejection;
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
@@ -23,9 +22,6 @@ use crate::vision::estimator::{
 use crate::vision::painted::{
     PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface, SurfaceObserver,
 };
-
-/// Directions of the pattern that stands in where there is none: only the ball's outline is used.
-const STAND_IN_DOTS: usize = 20;
 
 /// Keeps what frames show of the paint.
 struct Shown {
@@ -47,8 +43,7 @@ impl BatchObserver for Shown {
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let surface = arguments.surface()?;
-    let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
-    let estimator = arguments.estimator(&Ball::new(stand_in))?;
+    let estimator = arguments.estimator(&Ball::new(SurfaceObserver::stand_in()?))?;
     let config = SurfaceObserver::settings(arguments.batch()?);
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;

@@ -13,7 +13,7 @@ function calibratePage(d) {
   adviceSection(d);
   dotSetSection(d);
   const ball = drawnBall(d);
-  offsetSection(d);
+  if (d.nominal_sha256) offsetSection(d);
   coverageSection(d);
   residualSection(d);
   if (d.monte_carlo.length) worthSection(d);
@@ -35,10 +35,15 @@ function calibrationTiles(d) {
   const h = d.held_out,
     row = [
       tile(`${inState(d, "measured").length} of ${d.dots.length}`, "dots measured"),
-      tile(
-        fixed(d.rms_offset_deg, 2) + "\u00b0",
-        "rms distance of a drawn dot from its nominal place",
-      ),
+      // What is built from the clip has no places that were meant.
+      ...(d.nominal_sha256
+        ? [
+            tile(
+              fixed(d.rms_offset_deg, 2) + "\u00b0",
+              "rms distance of a drawn dot from its nominal place",
+            ),
+          ]
+        : []),
       tile(`${d.frames.fitted} of ${d.frames.given}`, "frames used"),
     ];
   if (h.frames.length)

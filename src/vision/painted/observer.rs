@@ -4,12 +4,16 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::frame::PaintedFrame;
 use crate::error::{Error, Result};
+use crate::geometry::spiral_directions;
 use crate::image::RgbImage;
+use crate::pattern::Pattern;
 use crate::vision::estimator::{BatchConfig, BatchObserver};
 use crate::vision::{Budget, FrameEstimate};
 
 /// What is kept of a clip's frames takes no more, bytes; as much again is made of it.
 const MOST_BYTES: usize = 2 << 30;
+
+const STAND_IN_DOTS: usize = 20;
 
 /// Keeps what frames show of the ball, up to 2 GiB.
 #[derive(Debug)]
@@ -35,6 +39,14 @@ impl SurfaceObserver {
             budget: Self::budget(),
             ..batch
         }
+    }
+
+    /// The pattern of an estimator that finds no more: it stands in for the ball's.
+    ///
+    /// # Errors
+    /// As [`Pattern::new`]; none in fact.
+    pub fn stand_in() -> Result<Pattern> {
+        Pattern::new(spiral_directions(STAND_IN_DOTS).collect())
     }
 
     /// What finding them in a frame may cost.

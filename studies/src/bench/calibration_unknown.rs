@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use spindoe::calibrate::{
     CalibrationConfig, KnownDots, SurfaceObserver, Survey, calibrate_built, survey,
 };
-use spindoe::geometry::{Vec3, angle_between, spiral_directions};
+use spindoe::geometry::{Vec3, angle_between};
 use spindoe::plot::surface_views;
 use spindoe::synth::SynthConfig;
 use spindoe::validate::Proportion;
@@ -29,8 +29,6 @@ use spindoe_studies::hand::{Habits, HandClip};
 const COMPLETE: f64 = 0.97;
 /// A ring that is off its dot's middle by so many radii is not its own to a person who looks.
 const OFF_CENTER: f64 = 0.5;
-/// Dots of the pattern that stands in for the ball's.
-const STAND_IN_DOTS: usize = 20;
 
 /// What became of a clip.
 enum Built {
@@ -162,8 +160,7 @@ impl Args {
 impl Args {
     fn judge(&self, looks: &SynthConfig, habits: Habits, k: u64) -> Outcome<Judged> {
         let clip = HandClip::random(looks, habits, self.seed, k)?;
-        let stand_in = Pattern::new(spiral_directions(STAND_IN_DOTS).collect())?;
-        let detecting = estimator(&stand_in)?;
+        let detecting = estimator(&SurfaceObserver::stand_in()?)?;
         let mut workspace = detecting.workspace();
         let mut estimates = Vec::with_capacity(clip.frames());
         let mut taken = Vec::with_capacity(clip.frames());

@@ -168,6 +168,17 @@ fn what_cannot_be_calibrated_exits_with_a_word() {
     let dir = folder.path();
     let nominal = random_pattern(20, 5);
     nominal.write_csv(&dir.join("nominal.csv")).unwrap();
+    for (flags, word) in [
+        ("--table nominal.csv --dots 20", "--dots"),
+        ("--dots 3", "4 to 64"),
+        ("--learn-extra", "--table"),
+        ("--marks 0-9", "marks.csv"),
+    ] {
+        let command = ["calibrate", "clip", "-o", "no"].into_iter();
+        let command: Vec<&str> = command.chain(flags.split(' ')).collect();
+        crate::common::refused(dir, &command, 2, word);
+        assert!(!dir.join("no").exists(), "{flags}");
+    }
     for (kind, word) in [
         ("noise", "ball"),
         ("dotless", "ball"),

@@ -77,6 +77,19 @@ fn beside_print_a_person_says_which_marks_are_the_dots() {
     let off = worst(&ball, &truth).map(f64::to_degrees);
     assert!(off.is_some_and(|w| w < 1.0), "{off:?} deg");
 
+    // Rows that were sorted are not those of the picture.
+    let (head, rows) = csv.split_once('\n').unwrap();
+    let sorted: Vec<&str> = rows.lines().rev().chain([head]).rev().collect();
+    fs::write(dir.join("ball/marks.csv"), sorted.join("\n")).unwrap();
+    let refused = spindoe(dir, &[&with(&said)[..], &["--overwrite"]].concat());
+    let words = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(2), "{words}");
+    assert!(
+        words.contains("marks.csv") && words.contains("line 2"),
+        "{words}"
+    );
+    fs::write(dir.join("ball/marks.csv"), &csv).unwrap();
+
     // What is none of the marks.
     for bad in [&beyond[..], "3-", "5,5", "7-2", "dots"] {
         let command = with(bad);

@@ -3,6 +3,7 @@
 mod bad_input;
 pub mod clip;
 mod command;
+mod filmed;
 mod fit;
 mod marked;
 mod real;

@@ -196,7 +196,7 @@ fn pictures_of(
 
 /// An estimator for its detections only.
 fn detecting() -> Estimator<NamedDetector> {
-    let stand_in = Pattern::new(spiral_directions(20).collect()).unwrap();
+    let stand_in = SurfaceObserver::stand_in().unwrap();
     let detector = DetectorName::Cnn.build().unwrap();
     Estimator::new(&stand_in, EstimatorConfig::default(), detector).unwrap()
 }
