@@ -79,7 +79,7 @@ fn beside_print_a_person_says_which_marks_are_the_dots() {
 
     // Rows that were sorted are not those of the picture.
     let (head, rows) = csv.split_once('\n').unwrap();
-    let sorted: Vec<&str> = rows.lines().rev().chain([head]).rev().collect();
+    let sorted: Vec<&str> = std::iter::once(head).chain(rows.lines().rev()).collect();
     fs::write(dir.join("ball/marks.csv"), sorted.join("\n")).unwrap();
     let refused = spindoe(dir, &[&with(&said)[..], &["--overwrite"]].concat());
     let words = String::from_utf8_lossy(&refused.stderr).into_owned();

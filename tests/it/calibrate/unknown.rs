@@ -297,7 +297,11 @@ fn dots_that_run_into_one_mark_are_told_apart_and_measured() {
     let off = worst(&calibrated.pattern().unwrap(), &truth).map(f64::to_degrees);
     assert!(off.is_some_and(|w| w < 1.0), "{off:?} deg, {built:?}");
     let is_known = |d: &CalibratedDot| d.sigma_rad().to_degrees() < 0.3;
-    assert!(calibrated.dots.iter().all(is_known), "{:?}", calibrated.dots);
+    assert!(
+        calibrated.dots.iter().all(is_known),
+        "{:?}",
+        calibrated.dots
+    );
 }
 
 #[test]
