@@ -395,10 +395,10 @@ mod tests {
     #[test]
     fn an_abrupt_change_loosens_the_prior_where_it_is() {
         let turn = |k: u32| match k {
-            0..=10 => Rotation::from_scaled_axis(Vec3::y() * 0.14 * f64::from(k)),
+            0..=30 => Rotation::from_scaled_axis(Vec3::y() * 0.14 * f64::from(k)),
             _ => {
-                Rotation::from_scaled_axis(Vec3::x() * 0.14 * f64::from(k - 10))
-                    * Rotation::from_scaled_axis(Vec3::y() * 1.4)
+                Rotation::from_scaled_axis(Vec3::x() * 0.14 * f64::from(k - 30))
+                    * Rotation::from_scaled_axis(Vec3::y() * 4.2)
             }
         };
         let pose = |k: u32| TimedPose {
@@ -406,11 +406,11 @@ mod tests {
             rotation: turn(k),
             variance: 1e-6,
         };
-        let poses: Vec<TimedPose> = (0..21).map(pose).collect();
+        let poses: Vec<TimedPose> = (0..61).map(pose).collect();
         let prior = MotionPrior::learn(&poses).unwrap();
         let even = prior.densities[0];
         for (k, density) in prior.densities.iter().enumerate() {
-            let is_abrupt = k == 9 || k == 10;
+            let is_abrupt = k == 29 || k == 30;
             assert_eq!(*density > 100.0 * even, is_abrupt, "{k}: {density}");
         }
     }
