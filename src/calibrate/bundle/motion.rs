@@ -11,8 +11,7 @@
 //! (the constant-velocity model of Kalman filters: Y. Bar-Shalom et al., "Estimation with applications
 //! to tracking and navigation", 2001, Sec. 6.2.2). `q` is learned from the second differences of the
 //! orientations that the dots alone give. Where frames are too far apart to say how the ball turned
-//! between them, and no single spin explains them, there is no such prior. Where the spin changes abruptly, a hand grips the ball anew or
-//! a clip was cut, `q` is as large as that change asks for.
+//! between them, and no single spin explains them, there is no such prior.
 //!
 //! An uneven ball's spin changes without any torque. Where the frames show a precession
 //! ([`crate::spin::precession`]), the turn `q` that is fixed in the ball is taken off: `R exp([q]x t)`
@@ -40,8 +39,6 @@ const CHI2_3_MEDIAN: f64 = 2.366;
 /// The density never falls below the one that bends a path over so many frames by one standard
 /// deviation of a frame: no ball turns evenly without end.
 const EVEN_FRAMES: f64 = 8.0;
-/// A change of the rate whose square, over its variance by poses and density, is larger is abrupt: of three normal numbers one in 65 000.
-const ABRUPT: f64 = 25.0;
 /// Numbers of frames over which the change of the rate is measured.
 const SPANS: [usize; 4] = [1, 2, 4, 8];
 /// Start of the orientation and of the spin within a frame's block.
@@ -54,8 +51,8 @@ pub(super) const SPIN: usize = 6;
 pub(super) struct MotionPrior {
     /// Time from each frame to the next, seconds.
     intervals: Vec<f64>,
-    /// Density of the angular acceleration over each of them, rad^2/s^3.
-    densities: Vec<f64>,
+    /// Density of the angular acceleration, rad^2/s^3.
+    density: f64,
     /// Spin at each frame to start from, less `body_rate`, rad/s.
     pub spins: Vec<Vec3>,
     /// The turn that is fixed in the ball, pattern frame, rad/s.
@@ -98,7 +95,7 @@ impl MotionPrior {
                 spin + turn_beyond(&spin, *t, &from, &w[1].rotation) / *t
             })
             .collect();
-        let densities = local_densities(poses, &intervals, &rates);
+        let density = density(poses, &intervals, &rates);
         // A frame's spin: the mean of those before and after.
         let mut spins = Vec::with_capacity(poses.len());
         for k in 0..poses.len() {
@@ -111,7 +108,7 @@ impl MotionPrior {
         }
         Some(Self {
             intervals,
-            densities,
+            density,
             spins,
             body_rate,
         })
@@ -153,7 +150,7 @@ impl MotionPrior {
 
     /// Inverse covariance of the residual over interval `k`.
     fn information(&self, k: usize) -> SMatrix<f64, 6, 6> {
-        let (t, q) = (self.intervals[k], self.densities[k]);
+        let (t, q) = (self.intervals[k], self.density);
         let mut information = SMatrix::<f64, 6, 6>::zeros();
         for axis in 0..3 {
             information[(axis, axis)] = 12.0 / (q * t.powi(3));
@@ -170,7 +167,7 @@ impl MotionPrior {
         let mean = 2.0 * self.cost(rotations, spins) / (6.0 * self.intervals.len() as f64);
         let too_strong = mean > 1.0;
         if too_strong {
-            self.densities.iter_mut().for_each(|q| *q *= mean);
+            self.density *= mean;
         }
         too_strong
     }
@@ -262,30 +259,6 @@ fn turn_beyond(spin: &Vec3, t: f64, from: &Rotation, to: &Rotation) -> Vec3 {
     (Rotation::from_scaled_axis(-spin * t) * to * from.inverse()).scaled_axis()
 }
 
-/// Density of the angular acceleration over each interval.
-fn local_densities(poses: &[TimedPose], intervals: &[f64], rates: &[Vec3]) -> Vec<f64> {
-    let usual = density(poses, intervals, rates);
-    let mut densities = vec![usual; intervals.len()];
-    for k in 1..rates.len() {
-        let (a, b) = (intervals[k - 1], intervals[k]);
-        let noise = rate_noise([&poses[k - 1], &poses[k], &poses[k + 1]], a, b);
-        let squared = (rates[k] - rates[k - 1]).norm_squared();
-        if squared > ABRUPT * (noise + usual * (a + b) / 3.0) {
-            for density in &mut densities[k - 1..=k] {
-                *density = density.max((squared / 3.0 - noise) * 3.0 / (a + b));
-            }
-        }
-    }
-    densities
-}
-
-/// Variance per axis of the change between the mean rates over two successive times `a` and `b`, by the poses at their ends.
-fn rate_noise([first, middle, last]: [&TimedPose; 3], a: f64, b: f64) -> f64 {
-    first.variance / (a * a)
-        + middle.variance * (1.0 / a + 1.0 / b).powi(2)
-        + last.variance / (b * b)
-}
-
 /// Density of the angular acceleration, from the changes of the mean rate between successive spans of
 /// one and more frames: a steady acceleration shows over the long ones only. The largest counts, so that
 /// the prior is rather too weak than too strong. A change over the spans `a` and `b` has the variance
@@ -303,12 +276,14 @@ fn density(poses: &[TimedPose], intervals: &[f64], rates: &[Vec3]) -> f64 {
                 (time, turn / time)
             });
             let (a, b) = (first.0, second.0);
-            let at = [start, start + span, start + 2 * span].map(|k| &poses[k]);
-            let noise = rate_noise(at, a, b);
+            let middle = poses[start + span].variance;
+            let noise = poses[start].variance / (a * a)
+                + middle * (1.0 / a + 1.0 / b).powi(2)
+                + poses[start + 2 * span].variance / (b * b);
             let measured = (second.1 - first.1).norm_squared() / CHI2_3_MEDIAN;
             densities.push((measured - noise) * 3.0 / (a + b));
             let even = EVEN_FRAMES * 0.5 * (a + b) / span as f64;
-            floors.push(3.0 * at[1].variance / even.powi(3));
+            floors.push(3.0 * middle / even.powi(3));
         }
         if densities.len() >= MIN_TRIPLES {
             largest = largest.max(median(&mut densities)).max(median(&mut floors));
@@ -326,7 +301,7 @@ mod tests {
     fn the_derivatives_are_those_of_differences() {
         let prior = MotionPrior {
             intervals: vec![0.02],
-            densities: vec![1.0],
+            density: 1.0,
             spins: Vec::new(),
             body_rate: Vec3::new(3.0, -8.0, 5.0),
         };
@@ -385,33 +360,10 @@ mod tests {
             })
             .collect();
         let prior = MotionPrior::learn(&poses).unwrap();
-        let found = prior.densities[0];
-        assert!((q / 2.0..q * 2.0).contains(&found), "{found}");
-        // A made motion has no jumps.
-        let usual = prior.densities.iter().filter(|d| **d == found).count();
-        assert!(usual >= prior.densities.len() - 2, "{usual}");
-    }
-
-    #[test]
-    fn an_abrupt_change_loosens_the_prior_where_it_is() {
-        let turn = |k: u32| match k {
-            0..=30 => Rotation::from_scaled_axis(Vec3::y() * 0.14 * f64::from(k)),
-            _ => {
-                Rotation::from_scaled_axis(Vec3::x() * 0.14 * f64::from(k - 30))
-                    * Rotation::from_scaled_axis(Vec3::y() * 4.2)
-            }
-        };
-        let pose = |k: u32| TimedPose {
-            time_s: f64::from(k) / 30.0,
-            rotation: turn(k),
-            variance: 1e-6,
-        };
-        let poses: Vec<TimedPose> = (0..61).map(pose).collect();
-        let prior = MotionPrior::learn(&poses).unwrap();
-        let even = prior.densities[0];
-        for (k, density) in prior.densities.iter().enumerate() {
-            let is_abrupt = k == 29 || k == 30;
-            assert_eq!(*density > 100.0 * even, is_abrupt, "{k}: {density}");
-        }
+        assert!(
+            (q / 2.0..q * 2.0).contains(&prior.density),
+            "{}",
+            prior.density
+        );
     }
 }
