@@ -35,8 +35,6 @@ use spindoe::spin::orientations::Orientations;
 use spindoe::spin::simulate::Scenario;
 use spindoe::{Error, Pattern, ProtocolName, RobustConfig, SpinConfig, SpinEstimator};
 
-use crate::common::setting;
-
 /// Mutations for each reader among the other tests.
 const DEFAULT_RUNS: u64 = 300;
 /// Longest that one mutation may take, on a busy machine and without optimization.
@@ -62,6 +60,11 @@ const STRANGE: [&str; 18] = [
     "\"",
     "\u{feff}",
 ];
+
+fn setting(name: &str, default: u64) -> u64 {
+    let text = std::env::var(name).ok();
+    text.map_or(default, |t| t.parse().expect("a whole number"))
+}
 
 /// A damaged copy: bytes changed, removed, repeated, or a number replaced.
 fn mutated(bytes: &[u8], rng: &mut ChaCha8Rng) -> Vec<u8> {

@@ -1,6 +1,4 @@
 //! The integration tests, in one program so that the crate is linked once; modules by stage.
-//!
-//! Slow ones run a part of their cases. `SPINDOE_SEEDS=20 cargo test --release --test it` runs all of them; [`breaks`] names its own.
 
 #![allow(clippy::unwrap_used)]
 

@@ -13,12 +13,6 @@ use spindoe::Proportion;
 use spindoe::geometry::{Vec3, random_direction};
 use spindoe::pattern::Pattern;
 
-/// A number from the environment: how much of a slow test runs (see `main.rs`).
-pub fn setting(name: &str, default: u64) -> u64 {
-    let text = std::env::var(name).ok();
-    text.map_or(default, |t| t.parse().expect("a whole number"))
-}
-
 /// Says that a test is skipped because a program that it needs is not there. With `SPINDOE_REQUIRE_ALL` set, it fails instead.
 #[allow(dead_code)]
 pub fn skipped(why: &str) {
