@@ -14,6 +14,14 @@ const MAX_NAMED: usize = 5;
 
 /// What is to be said of the inputs.
 pub(super) fn say<K>(batch: &Batch<K>, config: &BatchConfig) -> Result<()> {
+    say_names(batch, config)?;
+    say_skipped(&batch.skipped);
+    say_cut_short(&batch.cut_short);
+    Ok(())
+}
+
+/// What is to be said of the frames' names: their order, and rows of outlines that name none.
+pub(super) fn say_names<K>(batch: &Batch<K>, config: &BatchConfig) -> Result<()> {
     if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
         errln!("spindoe: {warning}");
     }
@@ -21,8 +29,6 @@ pub(super) fn say<K>(batch: &Batch<K>, config: &BatchConfig) -> Result<()> {
     if let Some(warning) = unused_warning(config.circles.as_ref(), &paths)? {
         errln!("spindoe: {warning}");
     }
-    say_skipped(&batch.skipped);
-    say_cut_short(&batch.cut_short);
     Ok(())
 }
 

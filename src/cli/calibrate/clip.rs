@@ -10,7 +10,7 @@ use crate::calibrate::{
 };
 use crate::cli::inputs;
 use crate::error::{Error, Result};
-use crate::vision::estimator::{Batch, SequenceOutcome, estimate_inputs};
+use crate::vision::estimator::{Batch, BatchConfig, SequenceOutcome, estimate_inputs};
 use crate::vision::{Estimator, FrameEstimate};
 
 /// A ball, and what the frames of a clip say of it.
@@ -51,15 +51,16 @@ pub(super) fn read(
     let paths = arguments.table.iter().map(PathBuf::as_path);
     let mut designs: Vec<(Ball, &Path)> = balls.into_iter().zip(paths).collect();
     let several = designs.len() > 1;
+    let settings = arguments.batch()?;
     if arguments.is_unknown() {
-        match unknown::find(arguments, &designs, known, config)? {
+        match unknown::find(arguments, &settings, &designs, known, config)? {
             UnknownBall::Design(design) => designs = vec![designs.swap_remove(design)],
             UnknownBall::Built(clip) => {
                 if !designs.is_empty() {
                     errln!("the ball is none of these designs");
                 }
                 let ball = Ball::new(clip.built.pattern.clone());
-                let frames = IdentifiedFrames::of(estimated(arguments, &ball, config)?);
+                let frames = IdentifiedFrames::of(estimated(arguments, &settings, &ball, config)?);
                 return Ok(CalibratedClip {
                     calibration: clip.calibrated(arguments, &frames, config)?,
                     ball,
@@ -70,7 +71,7 @@ pub(super) fn read(
             }
         }
     }
-    let (ball, path, frames) = best(arguments, designs, config)?;
+    let (ball, path, frames) = best(arguments, &settings, designs, config)?;
     if arguments.is_unknown() || several {
         errln!("the ball is drawn from {}", path.display());
     }
@@ -86,9 +87,14 @@ pub(super) fn read(
 }
 
 /// The frames of the clip, identified with a ball.
-fn estimated(arguments: &Arguments, ball: &Ball, config: &CalibrationConfig) -> Result<Batch<()>> {
+fn estimated(
+    arguments: &Arguments,
+    settings: &BatchConfig,
+    ball: &Ball,
+    config: &CalibrationConfig,
+) -> Result<Batch<()>> {
     let estimator = Estimator::for_ball(ball, config.estimator, arguments.images.detector()?)?;
-    let batch = estimate_inputs(&estimator, &arguments.clip, &arguments.batch()?, &())?;
+    let batch = estimate_inputs(&estimator, &arguments.clip, settings, &())?;
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         errln!("spindoe: the times do not increase from frame to frame: they are not used");
     }
@@ -101,6 +107,7 @@ fn estimated(arguments: &Arguments, ball: &Ball, config: &CalibrationConfig) -> 
 /// The ball that fits the frames best, and the frames as it identifies them.
 fn best<'a>(
     arguments: &Arguments,
+    settings: &BatchConfig,
     designs: Vec<(Ball, &'a Path)>,
     config: &CalibrationConfig,
 ) -> Result<(Ball, &'a Path, IdentifiedFrames)> {
@@ -108,8 +115,8 @@ fn best<'a>(
     let (mut ball, mut path) = designs
         .next()
         .ok_or_else(|| Error::argument("table", "expected a table"))?;
-    let batch = estimated(arguments, &ball, config)?;
-    inputs::say(&batch, &arguments.batch()?)?;
+    let batch = estimated(arguments, settings, &ball, config)?;
+    inputs::say(&batch, settings)?;
     let mut frames = IdentifiedFrames::of(batch);
     for (other, its_path) in designs {
         let estimates = identify_frames(&other, &config.estimator, &frames.estimates)?;

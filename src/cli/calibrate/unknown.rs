@@ -12,7 +12,7 @@ use crate::calibrate::{
 use crate::cli::inputs;
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;
-use crate::vision::estimator::estimate_inputs;
+use crate::vision::estimator::{BatchConfig, estimate_inputs};
 use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate, NamedDetector};
 
@@ -63,12 +63,13 @@ pub(super) fn stand_in(
 /// The design that the clip shows, else the pattern built from the clip.
 pub(super) fn find(
     arguments: &Arguments,
+    settings: &BatchConfig,
     designs: &[(Ball, &Path)],
     known: &KnownDots,
     config: &CalibrationConfig,
 ) -> Result<UnknownBall> {
     let estimator = stand_in(arguments, config)?;
-    let settings = SurfaceObserver::settings(arguments.batch()?);
+    let settings = SurfaceObserver::settings(settings.clone());
     let observer = SurfaceObserver::default();
     let batch = estimate_inputs(&estimator, &arguments.clip, &settings, &observer)?;
     inputs::say(&batch, &settings)?;

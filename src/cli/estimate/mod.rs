@@ -18,7 +18,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::flashes::Flashes;
-use super::images::{ImageArguments, order_warning, read_balls, unused_warning};
+use super::images::{ImageArguments, read_balls};
 use super::inputs;
 use super::output::{Counter, one_of};
 use crate::ball::Ball;
@@ -336,13 +336,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         batch = estimate_inputs(right, &arguments.images, &config, &pictures)?;
         pictures.counter.finish();
     }
-    if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
-        errln!("spindoe: {warning}");
-    }
-    let paths: Vec<PathBuf> = batch.frames.iter().map(|f| f.path.clone()).collect();
-    if let Some(warning) = unused_warning(config.circles.as_ref(), &paths)? {
-        errln!("spindoe: {warning}");
-    }
+    inputs::say_names(&batch, &config)?;
     // Identified anew, a batch has its times already.
     config.clock = FrameClock::Inputs;
     if arguments.calibrate {

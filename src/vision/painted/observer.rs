@@ -13,6 +13,7 @@ use crate::vision::{Budget, FrameEstimate};
 /// What is kept of a clip's frames takes no more, bytes; as much again is made of it.
 const MOST_BYTES: usize = 2 << 30;
 
+/// Directions of a pattern that stands in for the ball's.
 const STAND_IN_DOTS: usize = 20;
 
 /// Keeps what frames show of the ball, up to 2 GiB.
