@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::ball::Ball;
 use spindoe::design::descent::descend;
-use spindoe::design::objective::Coverage;
+use spindoe::design::objective::TooFewDots;
 use spindoe::design::{Constraints, Objective, ObjectiveName, OrientationBound};
 use spindoe::pattern::random_pattern;
 use spindoe::recognize::paper::FeatureTree;
@@ -25,9 +25,9 @@ fn design(c: &mut Criterion) {
     c.bench_function("hash table of 20 dots", |b| {
         b.iter(|| FeatureTree::new(black_box(&ball)));
     });
-    let view = ProtocolName::Sparse.view();
+    let views = [ProtocolName::Sparse.view()];
     for name in ObjectiveName::ALL {
-        let objective = Objective::for_view(name, &view);
+        let objective = Objective::for_views(name, &views, 20).expect("the views are protocols");
         c.bench_function(&format!("{name}: value and gradient"), |b| {
             b.iter(|| objective.evaluate_at(black_box(pattern.dots())));
         });
@@ -35,9 +35,9 @@ fn design(c: &mut Criterion) {
     // Those of many dots before a camera: to be seen beside `confusion` at 20.
     for (dots, separation) in [(20, 0.31), (32, 0.25), (64, 0.15)] {
         let pattern = random_pattern(dots, separation, &mut rng).expect("the dots fit at random");
-        let camera = Coverage::default();
+        let camera = TooFewDots::default();
         c.bench_function(
-            &format!("coverage of {dots} dots before a camera: value and gradient"),
+            &format!("views with too few of {dots} dots: value and gradient"),
             |b| b.iter(|| camera.evaluate(black_box(pattern.dots()))),
         );
     }
@@ -46,12 +46,13 @@ fn design(c: &mut Criterion) {
     });
     let mut slow = c.benchmark_group("descent");
     slow.sample_size(10);
-    let paper = Objective::for_view(ObjectiveName::MeanNn, &view);
+    let paper =
+        Objective::for_views(ObjectiveName::MeanNn, &views, 20).expect("the views are protocols");
     slow.bench_function("one step on mean-nn, all constraints", |b| {
         b.iter(|| descend(black_box(&pattern), &paper, &constraints, 1));
     });
     let default = Objective::default();
-    slow.bench_function("one step on confusion, all constraints", |b| {
+    slow.bench_function("one step on failure-rate, all constraints", |b| {
         b.iter(|| descend(black_box(&pattern), &default, &constraints, 1));
     });
 }

@@ -13,7 +13,7 @@ struct Printer;
 
 impl DesignObserver for Printer {
     fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
-        if let Some(best) = state.best().and_then(|c| c.identity) {
+        if let Some(best) = state.best().and_then(|c| c.answered) {
             println!("{stage:?}: best identity rate so far {best}");
         }
         Ok(())
@@ -43,7 +43,7 @@ fn main() -> Result<()> {
     for v in &found.report.validation {
         println!(
             "{} {}: {}",
-            v.recognizer, v.validation.protocol, v.validation.identity
+            v.recognizer, v.validation.protocol, v.validation.answered
         );
     }
     println!("{}", job.dir.display());

@@ -32,8 +32,8 @@
 //! // or: let pattern = Pattern::read_csv("pattern.csv".as_ref())?;
 //! let config = ValidationConfig { samples: 200, ..ValidationConfig::default() };
 //! let found = config.run(&Ball::new(pattern), &|_| {})?;
-//! println!("{} of {} trials", found.validation.identity, found.validation.samples);
-//! assert!(found.validation.identity.rate > 0.9);
+//! println!("{} of {} trials", found.validation.answered, found.validation.samples);
+//! assert!(found.validation.answered.rate > 0.9);
 //! # Ok(())
 //! # }
 //! ```

@@ -39,20 +39,23 @@ class Validation:
     sigma_deg: float
     """The noise, degrees."""
     seed: int
+    answered: Proportion
+    """The orientation is within 20 degrees, of all views: one with too few dots is a failure."""
     skipped: int
-    """Views with too few dots to be identified; not among the trials."""
+    """Views with too few dots to be identified; not among the trials of the next two."""
     identity: Proportion
     """Every dot has its own index, every false dot none."""
     orientation: Proportion
     """The orientation is within 20 degrees."""
-    mean_error_deg: float
-    median_error_deg: float
+    mean_error_deg: float | None
+    """Of the right orientations; None without any."""
+    median_error_deg: float | None
     us_per_identification: float | None = None
     median_us_per_identification: float | None = None
 
     @classmethod
     def _of(cls, report: dict[str, Any]) -> Validation:
-        rates = {name: Proportion(**report[name]) for name in ("identity", "orientation")}
+        rates = {name: Proportion(**report[name]) for name in ("answered", "identity", "orientation")}
         return cls(**{**report, **rates})
 
 
@@ -125,7 +128,8 @@ class DesignResult:
         return f"<DesignResult {self.pattern!r} in {self.dir}>"
 
 
-ObjectiveName = Literal["mean-nn", "whitened-nn", "confusion", "coverage"]
+ObjectiveName = Literal["mean-nn", "whitened-nn", "failure-rate"]
+DesignViews = Literal["mixed", "paper", "sparse", "clutter", "image"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,8 +163,13 @@ class Design:
     samples: int = 10_000
     """Monte Carlo trials per candidate, again for each protocol of the winner's evaluation, and a fifth of it
     for each point of the sensitivity sweeps."""
-    protocol: ProtocolName = "sparse"
-    """The views to optimize for."""
+    protocol: DesignViews = "mixed"
+    """The views to optimize for; mixed is sparse, image and clutter in equal parts."""
+    recognizer: RecognizerName = "robust"
+    """The recognizer that candidates are tried with."""
+    descent: Literal["lbfgs", "program", "gradient"] = "lbfgs"
+    """How a descent finds its steps: by limited-memory BFGS, sequential convex programming, or steepest descent over
+    spherical coordinates as in the SpinDOE paper."""
     ball_px: float = 60.0
     """Diameter of the ball in the image, pixels; sets the noise of the protocol ``image``."""
     pixel_noise: float = 1.0
@@ -168,7 +177,7 @@ class Design:
     blur: float = 0.0
     """Length of the motion blur at the ball, pixels; an eighth of it counts as further error per axis."""
     objective: ObjectiveName | None = None
-    """What a descent minimizes; None: ``confusion``, for more than 24 dots ``whitened-nn``."""
+    """What a descent minimizes; None: ``failure-rate``, for more than 24 dots ``whitened-nn``."""
     bound_weight: float = 10.0
     """Weight of the orientation bound's worst direction beside the objective."""
     bound_goal: tuple[float, float] | None = None

@@ -9,16 +9,17 @@
 //!
 //! a logistic regression whose constant varies from frame to frame. It is fitted by expectation and
 //! maximization over the nodes of a quadrature in `t` (R. D. Bock, M. Aitkin, "Marginal maximum likelihood
-//! estimation of item parameters", Psychometrika 46, 1981). [`Coverage`] states the same curve by its limit
+//! estimation of item parameters", Psychometrika 46, 1981). [`TooFewDots`] states the same curve by its limit
 //! `-b_0 / b_1`, softness `1 / b_1`, spread `b_3 / b_1` and crowding `b_2`.
 
 use nalgebra::{Matrix4, Vector4};
 
 use super::conditions::CameraConditions;
+use super::frames::FrameOutcome;
 use super::trials::CameraTrials;
 use crate::design::constraints::max_separation;
-use crate::design::objective::Coverage;
-use crate::design::objective::coverage::LEVELS;
+use crate::design::objective::too_few::LEVELS;
+use crate::design::objective::{CountFailures, CountedView, TooFewDots};
 use crate::error::Result;
 use crate::pattern::crowding::crowds;
 use crate::pattern::random_pattern;
@@ -43,7 +44,7 @@ const MAX_CROWDING: f64 = 5.0;
 /// Steps of the fit: it gains less than 1e-3 in any number from half of them on.
 const STEPS: usize = 200;
 
-/// The assumptions of [`Coverage`] for so many dots before a camera, from 400 rendered frames. `done`
+/// The assumptions of [`TooFewDots`] for so many dots before a camera, from 400 rendered frames. `done`
 /// learns how many more of them are read.
 ///
 /// # Errors
@@ -52,20 +53,35 @@ pub fn coverage(
     conditions: &CameraConditions,
     dots: usize,
     done: &(dyn Fn(u64) + Sync),
-) -> Result<Coverage> {
+) -> Result<TooFewDots> {
     let trials = CameraTrials::new(*conditions, SEED);
     // As near to each other as on random patterns that can be drawn.
     let nearest = (3.0 * conditions.dot_diameter).min(0.5 * max_separation(dots));
-    let mut frames = Vec::new();
+    let (mut frames, mut views) = (Vec::new(), Vec::new());
     for k in 0..PATTERNS {
         let pattern = random_pattern(dots, nearest, &mut frame_rng(SEED, k | 1 << 60))?;
         let crowds = crowds(pattern.dots());
         let own = k * FRAMES..(k + 1) * FRAMES;
-        frames.extend(trials.each_frame(&pattern, own, done, |rendering, found| {
-            seen(rendering, found, &crowds)
-        })?);
+        let answers = trials.each_frame(&pattern, own, done, |rendering, found| {
+            let chances = seen(rendering, found, &crowds);
+            let outcome = FrameOutcome::of(found, &rendering.rotation);
+            (chances, outcome)
+        })?;
+        for (chances, outcome) in answers {
+            // Without an outline nothing is said of the dots.
+            if !chances.is_empty() {
+                views.push(CountedView {
+                    dots: chances.iter().filter(|chance| chance.is_found).count(),
+                    fails: !outcome.is_right(),
+                });
+            }
+            frames.push(chances);
+        }
     }
-    Ok(fit(&frames))
+    Ok(TooFewDots {
+        failures: CountFailures::fit(&views),
+        ..fit(&frames)
+    })
 }
 
 /// The number of frames that [`coverage`] reads.
@@ -103,8 +119,8 @@ fn seen(rendering: &Rendering, found: &FrameEstimate, crowds: &[f64]) -> Vec<Cha
     chances.collect()
 }
 
-/// The curve of [`Coverage`] that fits these frames.
-fn fit(frames: &[Vec<Chance>]) -> Coverage {
+/// The curve of [`TooFewDots`] that fits these frames.
+fn fit(frames: &[Vec<Chance>]) -> TooFewDots {
     // As for the default of the objective, to begin with.
     let mut b = Vector4::new(-2.2, 7.1, -0.5, 1.0);
     for _ in 0..STEPS {
@@ -124,12 +140,13 @@ fn fit(frames: &[Vec<Chance>]) -> Coverage {
         b[1] = b[1].clamp(SLOPES[0], SLOPES[1]);
         b[2] = b[2].clamp(-MAX_CROWDING, 0.0);
     }
-    Coverage {
+    TooFewDots {
         visibility_limit: (-b[0] / b[1]).clamp(-0.5, 0.9),
         softness: 1.0 / b[1],
         limit_spread: (b[3] / b[1]).abs(),
         detection_probability: MAX_PROBABILITY,
         crowding: -b[2],
+        ..TooFewDots::default()
     }
 }
 
@@ -169,12 +186,13 @@ mod tests {
 
     #[test]
     fn the_fit_finds_the_curve_that_dots_were_drawn_from() {
-        let truth = Coverage {
+        let truth = TooFewDots {
             visibility_limit: 0.35,
             softness: 0.12,
             limit_spread: 0.2,
             detection_probability: MAX_PROBABILITY,
             crowding: 0.8,
+            ..TooFewDots::default()
         };
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let frames: Vec<Vec<Chance>> = (0..4000)

@@ -308,3 +308,11 @@ pub(super) fn quoted(word: &str) -> String {
     }
     format!("'{}'", word.replace('\'', "'\\''"))
 }
+
+/// An angle in degrees with so many digits, or a dash where there is none.
+pub(super) fn degrees_or_dash(angle_deg: f64, digits: usize) -> String {
+    match angle_deg.is_finite() {
+        true => format!("{angle_deg:.digits$} deg"),
+        false => "-".to_owned(),
+    }
+}

@@ -4,11 +4,14 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::constraints::Constraints;
+use super::descent::DescentMethod;
 use super::objective::bound::BoundSummary;
 use super::objective::{Objective, confusion};
+use super::views::DesignViews;
 use crate::error::{Error, Result, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
-use crate::view::{Protocol, ProtocolName};
+use crate::recognize::RecognizerName;
+use crate::view::Protocol;
 
 /// Configuration of a design search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,10 +28,18 @@ pub struct DesignConfig {
     pub scout_steps: u64,
     /// Further descent steps of the best quarter.
     pub climb_steps: u64,
-    /// Monte Carlo trials per candidate; the last ones get eight times as many.
+    /// How a descent finds its steps.
+    pub descent: DescentMethod,
+    /// Monte Carlo trials per candidate that meets the constraints; the last ones get up to eight times as many, fresh
+    /// ones each time.
     pub samples: u64,
-    /// The views that candidates are tried on.
-    pub protocol: Protocol,
+    /// Names the views.
+    pub views: DesignViews,
+    /// The views that candidates are tried on, in equal parts: the protocols of `views`, with the noise that was asked
+    /// for.
+    pub protocols: Vec<Protocol>,
+    /// The recognizer that they are tried with.
+    pub recognizer: RecognizerName,
     /// The constraints of the pattern.
     pub constraints: Constraints,
     /// The objective that a descent minimizes.
@@ -47,7 +58,7 @@ pub struct DesignConfig {
 }
 
 impl Default for DesignConfig {
-    /// 20 dots, one round of 16 starts, 10 000 trials of `sparse` each, `confusion` beside the
+    /// 20 dots, one round of 16 starts, 10 000 trials of mixed views each, the expected failure rate beside the
     /// orientation bound.
     fn default() -> Self {
         Self {
@@ -57,8 +68,11 @@ impl Default for DesignConfig {
             rounds: 1,
             scout_steps: 20,
             climb_steps: 60,
+            descent: DescentMethod::default(),
             samples: 10_000,
-            protocol: Protocol::standard(ProtocolName::Sparse),
+            views: DesignViews::default(),
+            protocols: standard(DesignViews::default()),
+            recognizer: RecognizerName::Robust,
             constraints: Constraints::default(),
             objective: Objective::default(),
             bound_weight: 10.0,
@@ -67,6 +81,11 @@ impl Default for DesignConfig {
             from: None,
         }
     }
+}
+
+fn standard(views: DesignViews) -> Vec<Protocol> {
+    let names = views.protocols().iter();
+    names.map(|&name| Protocol::standard(name)).collect()
 }
 
 impl DesignConfig {
@@ -100,7 +119,7 @@ impl DesignConfig {
         }
         if !self.objective.name().suits(self.dots) {
             let problem = format!(
-                "confusion is computed for at most {} dots, found {}; choose another",
+                "failure-rate is computed for at most {} dots, found {}; choose another",
                 confusion::MAX_DOTS,
                 self.dots
             );
@@ -112,7 +131,14 @@ impl DesignConfig {
             require(from == drawn, "from", &format!("{drawn} dots"), from)?;
             require(drawn < self.dots, "add", "at least 1 dot", 0)?;
         }
-        self.protocol.view().check()?;
+        let names = self.protocols.iter().map(Protocol::name);
+        if !names.eq(self.views.protocols().iter().copied()) {
+            let problem = format!("expected the protocols of {}", self.views);
+            return Err(Error::argument("protocols", problem));
+        }
+        for protocol in &self.protocols {
+            protocol.view().check()?;
+        }
         self.constraints.check_demand(self.dots)
     }
 

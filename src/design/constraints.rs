@@ -81,6 +81,9 @@ impl Default for Constraints {
 /// `n` (the number of dots) is the seam's normal.
 #[derive(Debug, Clone)]
 pub(super) struct Row {
+    /// Which constraint this is, the same at every point. The dots that must be in view of one direction share a
+    /// number: together they are one constraint, and the largest violation is its value.
+    pub number: usize,
     pub terms: [(usize, Vec3); 2],
     pub violation: f64,
 }
@@ -277,6 +280,11 @@ impl Constraints {
         cone.half_angle_rad + dot
     }
 
+    /// The number of constraints of `dots` dots: [`Row::number`] stays below it.
+    pub(super) fn count(&self, dots: usize) -> usize {
+        dots * dots + dots * (1 + self.keep_out.len()) + VIEWS
+    }
+
     /// The largest violation at `x`: the dots, and the seam's normal after them.
     pub(super) fn violation(&self, x: &[Vec3]) -> f64 {
         let mut worst = 0.0f64;
@@ -292,42 +300,50 @@ impl Constraints {
         let none = (0, Vec3::zeros());
         let n = dots.len();
         // A move of two vectors changes a scalar product by at most twice the reach.
-        let mut add = |terms, violation: f64| {
+        let mut add = |number, terms, violation: f64| {
             if violation > -2.0 * reach - 1e-9 {
-                each(Row { terms, violation });
+                each(Row {
+                    number,
+                    terms,
+                    violation,
+                });
             }
         };
         let bound = self.min_separation_rad.cos();
         for i in self.drawn..n {
             for j in 0..i {
                 let violation = dots[i].dot(&dots[j]) - bound;
-                add([(i, dots[j]), (j, dots[i])], violation);
+                add(i * n + j, [(i, dots[j]), (j, dots[i])], violation);
             }
         }
+        let mut first = n * n;
         if self.seam_margin_rad > 0.0 {
             let bound = self.seam_margin_rad.sin();
             for (i, d) in dots.iter().enumerate().skip(self.drawn) {
                 let height = d.dot(normal);
                 let side = height.signum();
-                add([(i, -side * normal), (n, -side * d)], bound - side * height);
+                let terms = [(i, -side * normal), (n, -side * d)];
+                add(first + i, terms, bound - side * height);
             }
         }
         for cone in &self.keep_out {
+            first += n;
             let bound = self.min_angle_rad(cone).cos();
             for (i, d) in dots.iter().enumerate().skip(self.drawn) {
-                add([(i, cone.axis), none], d.dot(&cone.axis) - bound);
+                add(first + i, [(i, cone.axis), none], d.dot(&cone.axis) - bound);
             }
         }
+        first += n;
         if self.min_visible > 0 {
             let limit = self.visibility_limit + VISIBILITY_RESERVE;
             let mut heights: Vec<(f64, usize)> = Vec::with_capacity(n);
-            for v in spiral_directions(VIEWS) {
+            for (view, v) in spiral_directions(VIEWS).enumerate() {
                 heights.clear();
                 heights.extend(dots.iter().enumerate().map(|(i, d)| (d.dot(&v), i)));
                 let kth = self.min_visible.min(n) - 1;
                 heights.select_nth_unstable_by(kth, |a, b| b.0.total_cmp(&a.0));
                 for &(height, i) in &heights[..=kth] {
-                    add([(i, -v), none], limit - height);
+                    add(first + view, [(i, -v), none], limit - height);
                 }
             }
         }

@@ -9,8 +9,8 @@
 //! - [`search`]: whether the constraints can be met; then many starts, screening, and selection by
 //!   Monte Carlo.
 //!
-//! The evaluation is separate from the optimization. The objectives draw no trials, the trials that
-//! select are fresh in every round, and reported rates come from seeds used nowhere else.
+//! The evaluation is separate from the optimization. The objectives draw no trials of the pattern they judge, no trial
+//! that selects serves twice, and reported rates come from seeds used nowhere else.
 
 mod config;
 pub mod constraints;
@@ -21,12 +21,15 @@ mod ranking;
 mod request;
 pub mod search;
 pub mod state;
+mod views;
 
 pub use crate::pattern::random_pattern;
 pub use config::DesignConfig;
 pub use constraints::{Constraints, KeepOut};
+pub use descent::DescentMethod;
 pub use objective::{Objective, ObjectiveName, OrientationBound};
 pub use ranking::{CameraRank, CameraRecord, CameraRequest};
 pub use request::DesignRequest;
 pub use search::{DesignObserver, DesignOutcome, Stage, design, search_rounds};
 pub use state::{Candidate, Milestone, SearchState, Shard};
+pub use views::DesignViews;

@@ -4,14 +4,17 @@ use serde::{Deserialize, Serialize};
 
 use super::config::DesignConfig;
 use super::constraints::{Constraints, KeepOut};
+use super::descent::DescentMethod;
 use super::objective::bound::BoundSummary;
 use super::objective::{Objective, ObjectiveName};
 use super::search::feasible::packed_separation;
+use super::views::DesignViews;
 use crate::ball::{USUAL_BALL_MM, usual_dot_mm};
 use crate::error::{Error, Result, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
+use crate::recognize::RecognizerName;
 use crate::stencil::StencilConfig;
-use crate::view::{Noise, Protocol, ProtocolName};
+use crate::view::{Noise, Protocol, ProtocolName, ViewModel};
 
 /// Dots of the published SpinDOE pattern, and its orientation bound.
 const PUBLISHED_DOTS: usize = 20;
@@ -49,8 +52,12 @@ pub struct DesignRequest {
     /// Monte Carlo trials per candidate, again for each protocol of the winner's evaluation, and a
     /// fifth of it for each point of the sensitivity sweeps.
     pub samples: u64,
+    /// How a descent finds its steps.
+    pub descent: DescentMethod,
     /// The views to optimize for.
-    pub protocol: ProtocolName,
+    pub protocol: DesignViews,
+    /// The recognizer that candidates are tried with.
+    pub recognizer: RecognizerName,
     /// Diameter of the ball in the image, pixels; sets the noise of [`ProtocolName::Image`].
     pub ball_px: f64,
     /// Error of a detected dot per image axis, pixels; sets the noise of [`ProtocolName::Image`].
@@ -97,7 +104,9 @@ impl Default for DesignRequest {
             scout_steps: config.scout_steps,
             climb_steps: config.climb_steps,
             samples: config.samples,
-            protocol: config.protocol.name(),
+            descent: config.descent,
+            protocol: config.views,
+            recognizer: config.recognizer,
             ball_px: 60.0,
             pixel_noise: 1.0,
             blur: 0.0,
@@ -124,6 +133,21 @@ impl DesignRequest {
     /// Number of rounds where something else ends the search.
     pub const UNLIMITED_ROUNDS: usize = 1 << 32;
 
+    /// The way of the SpinDOE paper (Sec. II-D): gradient descent over the dots' spherical coordinates on the mean
+    /// nearest-neighbor distance of the hash features alone, candidates tried with the paper's recognizer on all visible
+    /// dots with 3 degrees of noise. The constraints stay, since the pattern is to be printed.
+    pub fn as_paper() -> Self {
+        Self {
+            protocol: DesignViews::Paper,
+            recognizer: RecognizerName::Paper,
+            objective: Some(ObjectiveName::MeanNn),
+            descent: DescentMethod::Gradient,
+            bound_weight: 0.0,
+            bound_goal: Some(Self::NO_GOAL),
+            ..Self::default()
+        }
+    }
+
     /// The whole configuration, checked.
     ///
     /// # Errors
@@ -131,7 +155,9 @@ impl DesignRequest {
     /// dots do not fit.
     pub fn config(&self) -> Result<DesignConfig> {
         let dots = self.dot_count()?;
-        let protocol = self.protocol()?;
+        let protocols = self.protocols()?;
+        let views: Vec<ViewModel> = protocols.iter().map(|p| *p.view()).collect();
+        let name = self.objective.unwrap_or(ObjectiveName::for_dots(dots));
         let config = DesignConfig {
             dots,
             seed: self.seed,
@@ -140,12 +166,12 @@ impl DesignRequest {
             scout_steps: self.scout_steps,
             climb_steps: self.climb_steps,
             samples: self.samples,
-            protocol,
+            descent: self.descent,
+            views: self.protocol,
+            protocols,
+            recognizer: self.recognizer,
             constraints: self.constraints(dots),
-            objective: Objective::for_view(
-                self.objective.unwrap_or(ObjectiveName::for_dots(dots)),
-                protocol.view(),
-            ),
+            objective: Objective::for_views(name, &views, dots)?,
             bound_weight: self.bound_weight,
             bound_goal: self.bound_goal(dots)?,
             basis_weight: self.basis_weight,
@@ -228,8 +254,13 @@ impl DesignRequest {
         }
     }
 
-    fn protocol(&self) -> Result<Protocol> {
-        let protocol = Protocol::standard(self.protocol);
+    fn protocols(&self) -> Result<Vec<Protocol>> {
+        let names = self.protocol.protocols().iter();
+        names.map(|&name| self.protocol(name)).collect()
+    }
+
+    fn protocol(&self, name: ProtocolName) -> Result<Protocol> {
+        let protocol = Protocol::standard(name);
         if let Noise::Pixel { .. } = protocol.view().noise {
             for (name, value, minimum) in [
                 ("ball_px", self.ball_px, 4.0),

@@ -18,10 +18,8 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use super::config::DesignConfig;
-use super::objective;
 use super::ranking::CameraRequest;
 use crate::error::{Error, Result, require};
 #[cfg(feature = "native")]
@@ -35,9 +33,7 @@ use crate::stats::Proportion;
 const SEPARATION_ROUNDING: f64 = 2e-3;
 
 /// Version of the checkpoint's format.
-pub const CHECKPOINT_VERSION: u32 = 4;
-/// The version before, which is read as far as nothing in it has gone since ([`removed`]).
-const VERSION_BEFORE: u32 = 3;
+pub const CHECKPOINT_VERSION: u32 = 5;
 
 /// Maximum number of shards.
 pub const MAX_SHARDS: usize = 10_000;
@@ -57,9 +53,9 @@ pub struct Candidate {
     pub missed: Option<String>,
     /// Whether its orientation bound misses the goal; such a candidate ranks behind all others.
     pub short_of_goal: bool,
-    /// Identity rate over all trials so far, if it was tried; of dots added to drawn ones, the rate of orientations
-    /// under 20 degrees off over all views, since views with too few dots are what these are for.
-    pub identity: Option<Proportion>,
+    /// Right orientations (under 20 degrees off) of all views of its last trials, if it was tried: a view with too few
+    /// dots is a failure.
+    pub answered: Option<Proportion>,
     /// The dots.
     pub dots: Vec<[f64; 3]>,
 }
@@ -74,7 +70,7 @@ impl Candidate {
     }
 
     fn rate(&self) -> f64 {
-        self.identity.map_or(-1.0, |p| p.rate)
+        self.answered.map_or(-1.0, |p| p.rate)
     }
 
     /// Checks the dots, and of a candidate that is not known to violate a constraint their separations.
@@ -127,8 +123,8 @@ pub struct Milestone {
     pub elapsed_s: f64,
     /// Rounds of the search completed.
     pub rounds: usize,
-    /// The identity rate of the best candidate, always on the same trials, which select nothing.
-    pub identity: Proportion,
+    /// The rate of the best candidate, of all views, always on the same trials, which select nothing.
+    pub answered: Proportion,
 }
 
 /// The progress of a search.
@@ -175,7 +171,7 @@ impl SearchState {
             pool.extend(shard.pool.into_iter().map(|mut candidate| {
                 // Numbered on over all shards: ties are decided by the start.
                 candidate.start += k * per_shard;
-                candidate.identity = None;
+                candidate.answered = None;
                 candidate
             }));
         }
@@ -298,9 +294,8 @@ impl Checkpoint {
     /// A checkpoint from its file's bytes; `path` only names the file in errors.
     ///
     /// # Errors
-    /// [`Error::Input`] for another version, a damaged file, candidates that cannot come from its search
-    /// (an edited one would end as a pattern that breaks its own constraints), and for a file of the
-    /// version before that holds what no search has any more.
+    /// [`Error::Input`] for another version, a damaged file, and candidates that cannot come from its search
+    /// (an edited one would end as a pattern that breaks its own constraints).
     pub fn from_json(path: &Path, bytes: &[u8]) -> Result<Self> {
         #[derive(Deserialize)]
         struct Version {
@@ -310,22 +305,14 @@ impl Checkpoint {
             |e: serde_json::Error| Error::input(path, "checkpoint", format!("cannot be read: {e}"));
         // The version first: another format may have other fields.
         let Version { checkpoint_version } = serde_json::from_slice(bytes).map_err(unreadable)?;
-        match checkpoint_version {
-            CHECKPOINT_VERSION => {}
-            VERSION_BEFORE => {
-                let file: Value = serde_json::from_slice(bytes).map_err(unreadable)?;
-                if let Some((field, problem)) = removed(&file) {
-                    return Err(Error::input(path, field, problem));
-                }
-            }
-            _ => {
-                let problem =
-                    format!("expected version {CHECKPOINT_VERSION}, found {checkpoint_version}");
-                return Err(Error::input(path, "checkpoint_version", problem));
-            }
+        if checkpoint_version != CHECKPOINT_VERSION {
+            let problem = format!(
+                "expected version {CHECKPOINT_VERSION}, found {checkpoint_version}: searches of other versions count \
+                 other views, so begin again without --resume"
+            );
+            return Err(Error::input(path, "checkpoint_version", problem));
         }
-        let mut found: Self = serde_json::from_slice(bytes).map_err(unreadable)?;
-        found.checkpoint_version = CHECKPOINT_VERSION;
+        let found: Self = serde_json::from_slice(bytes).map_err(unreadable)?;
         found.check(path)?;
         Ok(found)
     }
@@ -398,26 +385,4 @@ impl Checkpoint {
         }
         Ok(self.state)
     }
-}
-
-/// What a checkpoint of the version before holds that this version would silently leave out: its
-/// field, and what to do instead. Rounds of polishing that were still to come are no such thing.
-fn removed(file: &Value) -> Option<(&'static str, &'static str)> {
-    let at = |pointer: &str| file.pointer(pointer);
-    if at("/config/objective/name").is_some_and(|name| name == objective::NAME_BEFORE) {
-        let problem =
-            "coincidence was replaced by coverage; begin with --config objective=coverage";
-        return Some(("config.objective", problem));
-    }
-    let certified = at("/config/constraints/min_certified_rad").and_then(Value::as_f64);
-    if certified.is_some_and(|angle| angle > 0.0) {
-        let problem = "certified patterns are no longer searched; begin without that";
-        return Some(("config.constraints.min_certified_rad", problem));
-    }
-    if at("/state/polish/from/dots") != at("/state/polish/at/dots") {
-        let problem = "polishing was removed, and this search ended with a polished pattern; keep its \
-                       pattern.csv, or begin from that PATTERN";
-        return Some(("state.polish", problem));
-    }
-    None
 }

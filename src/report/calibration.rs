@@ -24,7 +24,7 @@ use crate::view::ProtocolName;
 use crate::vision::FrameEstimate;
 
 /// Version of a calibration's `report.json`.
-pub const CALIBRATION_REPORT_VERSION: u32 = 2;
+pub const CALIBRATION_REPORT_VERSION: u32 = 3;
 /// A dot whose standard deviation is larger needs more views, degrees.
 pub(super) const WELL_MEASURED_DEG: f64 = 0.5;
 /// Files by which a folder with a calibration is known.
@@ -379,7 +379,7 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
     }
     let lost = |p: &ProtocolReport| {
         let [nominal, drawn]: [&Proportion; 2] =
-            [&p.nominal.orientation, &p.drawn_calibrated.orientation];
+            [&p.nominal.answered, &p.drawn_calibrated.answered];
         drawn.high < nominal.low
     };
     let worse: Vec<&str> = report

@@ -103,10 +103,10 @@ pub struct Contest {
     /// The rates.
     #[serde(flatten)]
     pub validation: Validation,
-    /// Identity rate less that of the first pattern; for the first itself it is 0.
+    /// Rate of all dots right, of all views, less that of the first pattern; for the first itself it is 0.
     pub identity_difference: PairedDifference,
-    /// The orientation rate less that of the first pattern.
-    pub orientation_difference: PairedDifference,
+    /// Rate of right orientations, of all views, less that of the first pattern.
+    pub answered_difference: PairedDifference,
 }
 
 /// Result of a comparison.
@@ -129,9 +129,8 @@ fn measures(entry: &Entry) -> Result<PatternMeasures> {
         .into_iter()
         .filter(|name| name.suits(pattern.len()))
         .map(|name| {
-            let value = Objective::for_view(name, &sparse)
-                .evaluate_at(pattern.dots())?
-                .value;
+            let objective = Objective::for_views(name, &[sparse], pattern.len())?.sharpened();
+            let value = objective.evaluate_at(pattern.dots())?.value;
             Ok(ObjectiveScore { name, value })
         })
         .collect();
@@ -146,18 +145,18 @@ fn measures(entry: &Entry) -> Result<PatternMeasures> {
     })
 }
 
-/// Identity and orientation of a trial; `None` where it was skipped.
-fn passed(result: &TrialResult) -> Option<[bool; 2]> {
+/// Identity and orientation of a trial; one with too few dots failed in both.
+fn passed(result: &TrialResult) -> [bool; 2] {
     match result {
-        TrialResult::Skipped => None,
+        TrialResult::Skipped => [false, false],
         TrialResult::Judged {
             identity,
             error_rad,
             ..
-        } => Some([
+        } => [
             *identity,
             *error_rad < crate::validate::ORIENTATION_FAILURE_RAD,
-        ]),
+        ],
     }
 }
 
@@ -165,15 +164,13 @@ fn passed(result: &TrialResult) -> Option<[bool; 2]> {
 fn difference(first: &[TrialResult], results: &[TrialResult], which: usize) -> PairedDifference {
     let mut pairs = Pairs::default();
     for (a, b) in first.iter().zip(results) {
-        if let (Some(a), Some(b)) = (passed(a), passed(b)) {
-            let count = match (a[which], b[which]) {
-                (true, true) => &mut pairs.both,
-                (false, true) => &mut pairs.gained,
-                (true, false) => &mut pairs.lost,
-                (false, false) => &mut pairs.neither,
-            };
-            *count += 1;
-        }
+        let count = match (passed(a)[which], passed(b)[which]) {
+            (true, true) => &mut pairs.both,
+            (false, true) => &mut pairs.gained,
+            (true, false) => &mut pairs.lost,
+            (false, false) => &mut pairs.neither,
+        };
+        *count += 1;
     }
     PairedDifference::new(pairs)
 }
@@ -213,13 +210,13 @@ pub fn compare(
                 let validation = config.summary(&entry.ball, &results).validation;
                 let against_first = |which| match &first {
                     Some(first) => difference(first, &results, which),
-                    None => PairedDifference::with_itself(validation.identity.trials),
+                    None => PairedDifference::with_itself(validation.samples),
                 };
                 contests.push(Contest {
                     name: entry.name.clone(),
                     recognizer,
                     identity_difference: against_first(0),
-                    orientation_difference: against_first(1),
+                    answered_difference: against_first(1),
                     validation,
                 });
                 first.get_or_insert(results);

@@ -18,7 +18,7 @@
 //! # fn main() -> spindoe::Result<()> {
 //! let job = DesignJob::new("my-ball");
 //! let found = job.run(Start::Fresh, &AtomicBool::new(false), &mut ())?;
-//! println!("{}", found.report.validation[0].validation.identity);
+//! println!("{}", found.report.validation[0].validation.answered);
 //! # Ok(())
 //! # }
 //! ```
@@ -319,7 +319,10 @@ impl DesignJob {
             camera: camera.map(|camera| camera.request.conditions.clone()),
             criterion: Some(match camera {
                 Some(_) => "error on frames of the camera".to_owned(),
-                None => format!("identity, protocol {}", self.config.protocol.name()),
+                None => format!(
+                    "right orientations of all views, protocol {}",
+                    self.config.views
+                ),
             }),
         }
     }

@@ -48,7 +48,7 @@ pub use job::{CHECKPOINT, DesignJob, JobObserver, ShardedJob, Start};
 /// The report within a folder, the last file to appear.
 pub(crate) const REPORT: &str = "report.json";
 /// Version of `report.json`.
-pub const REPORT_VERSION: u32 = 4;
+pub const REPORT_VERSION: u32 = 5;
 
 /// The seeds of a design: none is used for two purposes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -311,11 +311,8 @@ fn validate_all(
     for &recognizer in recognizers {
         for name in ProtocolName::ALL {
             says(&format!("validating: {name}, recognizer {recognizer}"));
-            let protocol = if name == config.protocol.name() {
-                config.protocol
-            } else {
-                Protocol::standard(name)
-            };
+            let own = config.protocols.iter().find(|own| own.name() == name);
+            let protocol = own.copied().unwrap_or(Protocol::standard(name));
             let config = ValidationConfig {
                 recognizer,
                 protocol,
@@ -328,7 +325,7 @@ fn validate_all(
     Ok(found)
 }
 
-/// The sensitivity sweeps in the search's own protocol, without times.
+/// The sensitivity sweeps in the search's own protocol, of several in the first, without times.
 fn sweep(
     ball: &Ball,
     config: &DesignConfig,
@@ -339,7 +336,10 @@ fn sweep(
         seed: config.report_seed(),
         ..evaluation.sensitivity.clone()
     };
-    let mut points = sensitivity(ball, &config.protocol, &sweep, &mut |p| {
+    // A check has refused a search for no views.
+    let protocol = config.protocols.first().copied();
+    let protocol = protocol.unwrap_or(Protocol::standard(ProtocolName::Sparse));
+    let mut points = sensitivity(ball, &protocol, &sweep, &mut |p| {
         says(&format!(
             "sensitivity, {} recognizer: {} = {}",
             p.result.recognizer,

@@ -115,13 +115,13 @@ pub fn redraw(dir: &Path, to: &Path, formats: &[PictureFormat]) -> Result<()> {
 /// The best rate over the time of the search; of a search of one round, which has no course, the
 /// rates of its finalists.
 fn progress(dir: &Path, report: &DesignReport, formats: &[PictureFormat]) -> Result<()> {
-    let protocol = report.config.protocol.name();
+    let protocol = report.config.views;
     let milestones = &report.timing.milestones;
     let Some(first) = milestones.first() else {
         return Ok(());
     };
     if milestones.len() == 1 {
-        let tried = report.finalists.iter().filter_map(|f| f.identity.as_ref());
+        let tried = report.finalists.iter().filter_map(|f| f.answered.as_ref());
         let points: Vec<RatePoint> = (1..)
             .zip(tried)
             .map(|(rank, p)| point(f64::from(rank), p))
@@ -131,10 +131,10 @@ fn progress(dir: &Path, report: &DesignReport, formats: &[PictureFormat]) -> Res
         }
         let plot = CurvePlot {
             title: format!(
-                "Finalists of the search: \u{201c}{protocol}\u{201d} views not identified"
+                "Finalists of the search: \u{201c}{protocol}\u{201d} views not answered right"
             ),
             x_label: "rank of the finalist".into(),
-            y_label: "views not identified".into(),
+            y_label: "views not answered right".into(),
             scale: RateScale::Failure,
             log_x: false,
             series: vec![RateSeries {
@@ -144,18 +144,18 @@ fn progress(dir: &Path, report: &DesignReport, formats: &[PictureFormat]) -> Res
         };
         return in_each_format(dir, "progress", formats, |path| rate_curves(path, &plot));
     }
-    let trials = first.identity.trials;
+    let trials = first.answered.trials;
     let rounds = RateSeries {
         name: format!("rounds of the search ({trials} trials, 95 % intervals)"),
         points: milestones
             .iter()
-            .map(|m| point(m.elapsed_s / 60.0, &m.identity))
+            .map(|m| point(m.elapsed_s / 60.0, &m.answered))
             .collect(),
     };
     let plot = CurvePlot {
-        title: format!("Best pattern so far: \u{201c}{protocol}\u{201d} views not identified"),
+        title: format!("Best pattern so far: \u{201c}{protocol}\u{201d} views not answered right"),
         x_label: "time [min]".into(),
-        y_label: "views not identified".into(),
+        y_label: "views not answered right".into(),
         scale: RateScale::Failure,
         log_x: false,
         series: vec![rounds],
@@ -218,18 +218,20 @@ fn rates(path: &Path, validation: &[NamedValidation]) -> Result<()> {
         validation
             .iter()
             .find(|v| v.recognizer == recognizer && v.validation.protocol == name)
-            .map(|v| point(0.0, success(name, &v.validation)))
+            .map(|v| point(0.0, &v.validation.answered))
     };
     let groups = ProtocolName::ALL.map(|name| BarGroup {
-        name: format!("{name}: {}", success_name(name)),
+        name: name.to_string(),
         rates: RecognizerName::ALL.map(|r| bar(r, name)).to_vec(),
     });
     let trials = validation.first().map_or(0, |v| v.validation.samples);
     bar_comparison(
         path,
         &BarChart {
-            title: format!("Views not identified: {trials} trials per protocol, 95 % intervals"),
-            y_label: "views not identified".into(),
+            title: format!(
+                "Views not answered right: {trials} trials per protocol, 95 % intervals"
+            ),
+            y_label: "views not answered right".into(),
             scale: RateScale::Failure,
             series: RecognizerName::ALL
                 .map(|r| recognizer_name(r).to_owned())
@@ -244,21 +246,6 @@ fn recognizer_name(recognizer: RecognizerName) -> &'static str {
     match recognizer {
         RecognizerName::Paper => "the paper's recognizer",
         RecognizerName::Robust => "our recognizer",
-    }
-}
-
-/// The success that is plotted for a protocol: with false and missed dots it is the orientation.
-pub(super) fn success(name: ProtocolName, v: &Validation) -> &Proportion {
-    match name {
-        ProtocolName::Paper | ProtocolName::Sparse => &v.identity,
-        ProtocolName::Clutter | ProtocolName::Image => &v.orientation,
-    }
-}
-
-pub(super) fn success_name(name: ProtocolName) -> &'static str {
-    match name {
-        ProtocolName::Paper | ProtocolName::Sparse => "identity",
-        ProtocolName::Clutter | ProtocolName::Image => "orientation",
     }
 }
 
@@ -320,8 +307,8 @@ fn swept_series(points: &[&SensitivityPoint]) -> Vec<RateSeries> {
         };
         let who = recognizer_name(recognizer);
         for (what, points) in [
-            ("identity", of(|v| &v.identity)),
-            ("orientation", of(|v| &v.orientation)),
+            ("right orientations", of(|v| &v.answered)),
+            ("all dots right, of views with enough", of(|v| &v.identity)),
         ] {
             if !points.is_empty() {
                 series.push(RateSeries {

@@ -4,8 +4,9 @@
 //! each by noise, drops some, adds false ones, and shuffles the list. Two successes are counted,
 //! each with its Wilson 95 % interval: *identity* (every real dot has its own index and every false
 //! dot none) and *orientation* (error under 20 degrees, the failure threshold of the SpinDOE
-//! paper). Views with fewer real dots than the protocol or the recognizer needs are counted
-//! separately, whatever the number of their false dots.
+//! paper). Both are rates of the views that could be judged: those with fewer real dots than the protocol or the
+//! recognizer needs are skipped, whatever the number of their false dots. The rate that comes first is of all views
+//! ([`Validation::answered`]): a view that shows too few dots is a failure of the pattern.
 //!
 //! [`Trials`] is the one place where trials are run: of a [`ViewModel`], by any [`Recognizer`]. The
 //! sums are taken in the order of the trials: the result is the same on any number of threads.
@@ -47,16 +48,18 @@ pub struct Validation {
     pub sigma_deg: f64,
     /// The seed of the trials.
     pub seed: u64,
+    /// Orientation error under 20 degrees, of all views: one that shows too few dots counts as a failure.
+    pub answered: Proportion,
     /// Trials whose view had too few real dots to be an identification.
     pub skipped: u64,
-    /// Every dot correctly identified, every false dot unassigned.
+    /// Every dot correctly identified, every false dot unassigned, of the views that were not skipped.
     pub identity: Proportion,
-    /// Orientation error under 20 degrees.
+    /// Orientation error under 20 degrees, of the views that were not skipped.
     pub orientation: Proportion,
-    /// Mean orientation error of the orientation successes, degrees.
+    /// Mean orientation error of the orientation successes, degrees; not a number (null in JSON) without any.
     #[serde(deserialize_with = "crate::stats::or_nan")]
     pub mean_error_deg: f64,
-    /// Median orientation error of the orientation successes, degrees.
+    /// Median orientation error of the orientation successes, degrees; not a number (null in JSON) without any.
     #[serde(deserialize_with = "crate::stats::or_nan")]
     pub median_error_deg: f64,
     /// Mean time of one identification on one thread, microseconds. The only value here that
@@ -70,9 +73,9 @@ pub struct Validation {
 }
 
 impl Validation {
-    /// Orientations under 20 degrees off, of all views: one that shows too few dots counts as a failure.
-    pub fn answered_right(&self) -> Proportion {
-        Proportion::new(self.orientation.successes, self.samples)
+    /// Share of the views that show too few dots.
+    pub fn skipped_share(&self) -> f64 {
+        self.skipped as f64 / self.samples.max(1) as f64
     }
 
     /// The same values without the time, so that the same seed gives the same bytes.
@@ -304,16 +307,22 @@ impl Validation {
             }
         }
         let orientation = errors.len() as u64;
+        let mean_error_deg = errors.iter().sum::<f64>() / orientation as f64;
+        let median_error_deg = match errors.is_empty() {
+            true => f64::NAN,
+            false => median(&mut errors),
+        };
         Self {
             protocol,
             samples: results.len() as u64,
             sigma_deg: trials.view.noise.sigma_rad().to_degrees(),
             seed: trials.seed,
+            answered: Proportion::new(orientation, results.len() as u64),
             skipped: results.len() as u64 - judged,
             identity: Proportion::new(identity, judged),
             orientation: Proportion::new(orientation, judged),
-            mean_error_deg: errors.iter().sum::<f64>() / orientation.max(1) as f64,
-            median_error_deg: median(&mut errors),
+            mean_error_deg,
+            median_error_deg,
             us_per_identification: Some(times.iter().sum::<f64>() / judged.max(1) as f64),
             median_us_per_identification: Some(median(&mut times)),
         }

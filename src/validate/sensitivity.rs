@@ -135,7 +135,7 @@ pub fn sensitivity(
 /// A sweep as CSV: a header, then one point a row.
 pub fn sensitivity_csv(points: &[SensitivityPoint]) -> String {
     let mut text = String::from(
-        "parameter,value,recognizer,protocol,seed,trials,skipped,\
+        "parameter,value,recognizer,protocol,seed,samples,answered,answered_low,answered_high,trials,skipped,\
          identity,identity_low,identity_high,orientation,orientation_low,orientation_high,\
          mean_error_deg,median_error_deg\n",
     );
@@ -144,12 +144,16 @@ pub fn sensitivity_csv(points: &[SensitivityPoint]) -> String {
         // Writing to a String cannot fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
             p.parameter.as_str(),
             p.value,
             p.result.recognizer,
             v.protocol,
             v.seed,
+            v.samples,
+            v.answered.rate,
+            v.answered.low,
+            v.answered.high,
             v.identity.trials,
             v.skipped,
             v.identity.rate,

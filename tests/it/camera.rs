@@ -223,7 +223,7 @@ fn what_an_objective_assumes_follows_from_the_camera() {
         "{small:?} {usual:?}"
     );
     let dots = random_pattern(20, 1);
-    let value = |c: &spindoe::design::objective::Coverage| c.evaluate(dots.dots()).value;
+    let value = |c: &spindoe::design::objective::TooFewDots| c.evaluate(dots.dots()).value;
     assert!(value(&small) > value(&usual));
 }
 

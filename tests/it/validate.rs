@@ -3,7 +3,7 @@
 use spindoe::pattern::Pattern;
 use spindoe::recognize::observed::observed_frames;
 use spindoe::recognize::robust::RobustRecognizer;
-use spindoe::validate::{Trials, Validation};
+use spindoe::validate::{TrialResult, Trials, Validation};
 use spindoe::view::{ProtocolName, Trial};
 
 fn random_pattern(n: usize, seed: u64) -> Pattern {
@@ -54,6 +54,15 @@ fn views_with_too_few_dots_are_counted_apart() {
     let v = validate(&trials, name).expect("valid");
     assert!(v.skipped > 500);
     assert_eq!(v.skipped + v.identity.trials, v.samples);
+    // They are failures of the pattern.
+    assert_eq!(v.answered.trials, v.samples);
+    assert_eq!(v.answered.successes, v.orientation.successes);
+    assert!(v.answered.high < 0.5 && v.orientation.low > 0.9, "{v:?}");
+    // Without a right answer there is no error, and JSON says null.
+    let none = Validation::of(&[TrialResult::Skipped; 3], name, &trials);
+    assert!(none.mean_error_deg.is_nan() && none.median_error_deg.is_nan());
+    let json = serde_json::to_value(&none).expect("JSON");
+    assert!(json["mean_error_deg"].is_null() && json["answered"]["rate"] == 0.0);
 }
 
 #[test]

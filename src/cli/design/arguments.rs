@@ -4,8 +4,8 @@ use std::num::NonZero;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::Args;
 use clap::builder::{ArgPredicate, PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{Args, ValueEnum};
 
 use crate::ball::Ball;
 #[cfg(feature = "vision")]
@@ -17,11 +17,14 @@ use crate::cli::output::Counter;
 use crate::cli::output::{command_line, one_of, quoted};
 #[cfg(feature = "vision")]
 use crate::design::Objective;
-use crate::design::objective::NAME_BEFORE;
+use crate::design::objective::PARTS;
 use crate::design::objective::bound::BoundSummary;
-use crate::design::{DesignConfig, DesignRequest, KeepOut, ObjectiveName, Shard};
+use crate::design::{
+    DescentMethod, DesignConfig, DesignRequest, DesignViews, KeepOut, ObjectiveName, Shard,
+};
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
+use crate::recognize::RecognizerName;
 use crate::report::DesignJob;
 #[cfg(feature = "plot")]
 use crate::report::plots::PictureFormat;
@@ -86,17 +89,17 @@ pub struct Arguments {
     /// give.
     #[arg(hide = true, long, value_name = "N", conflicts_with_all = ["shard", "budget"])]
     pub(super) shards: Option<usize>,
-    /// Objective that a descent minimizes; by default confusion, for more than 24 dots whitened-nn.
-    /// With --camera coverage counts what that camera detects.
-    #[arg(hide = true, long, value_parser = objective_name(), value_name = "OBJECTIVE")]
+    /// Objective that a descent minimizes; by default failure-rate, for more than 24 dots whitened-nn.
+    /// With --camera failure-rate counts what that camera detects.
+    #[arg(hide = true, long, value_parser = objective_name(), value_name = "OBJECTIVE", default_value_if("preset", ArgPredicate::IsPresent, "mean-nn"))]
     objective: Option<ObjectiveName>,
     /// Weight of the orientation bound's worst direction beside the objective.
-    #[arg(hide = true, long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "W", default_value_t = DesignConfig::default().bound_weight, default_value_if("preset", ArgPredicate::IsPresent, "0"), allow_negative_numbers = true)]
     bound_weight: f64,
     /// Orientation bound, mean and worst over the directions in units of a dot's noise, that is
     /// preferred: a pattern short of it is chosen only where none reaches it. By default, from 20
     /// dots on, that of the published SpinDOE pattern, 0.686,0.894; 1e9,1e9 prefers none.
-    #[arg(hide = true, long, value_name = "MEAN,WORST", value_parser = bound_goal)]
+    #[arg(hide = true, long, value_name = "MEAN,WORST", value_parser = bound_goal, default_value_if("preset", ArgPredicate::IsPresent, "1e9,1e9"))]
     bound_goal: Option<BoundSummary>,
     /// Weight of the pairs' quality as bases, for the paper's recognizer (1 to 4).
     #[arg(hide = true, long, value_name = "W", default_value_t = DesignConfig::default().basis_weight, allow_negative_numbers = true)]
@@ -111,9 +114,20 @@ pub struct Arguments {
     /// fifth of it for each point of the sensitivity sweeps.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().samples)]
     samples: u64,
-    /// The views to optimize for; with --add clutter, where nothing else is asked for.
-    #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str), default_value_t = ProtocolName::Sparse, default_value_if("add", ArgPredicate::IsPresent, "clutter"))]
-    protocol: ProtocolName,
+    /// Settings and views together: paper is the way of the SpinDOE paper, steepest descent on the mean nearest-neighbor
+    /// distance of the hash features, tried on the paper's views with the paper's recognizer.
+    #[arg(hide = true, long, value_enum)]
+    preset: Option<Preset>,
+    /// The views to optimize for; mixed is sparse, image and clutter in equal parts. With --add clutter, where nothing else is asked for.
+    #[arg(long, value_parser = one_of(&DesignViews::ALL, DesignViews::as_str), default_value_t = DesignViews::Mixed, default_value_ifs([("add", ArgPredicate::IsPresent, Some("clutter")), ("preset", ArgPredicate::IsPresent, Some("paper"))]))]
+    protocol: DesignViews,
+    /// The recognizer that candidates are tried with.
+    #[arg(hide = true, long, value_parser = one_of(&RecognizerName::ALL, RecognizerName::as_str), default_value_t = RecognizerName::Robust, default_value_if("preset", ArgPredicate::IsPresent, "paper"))]
+    recognizer: RecognizerName,
+    /// How a descent finds its steps: lbfgs, program (sequential convex programming) or gradient (steepest descent over
+    /// spherical coordinates, as in the SpinDOE paper).
+    #[arg(hide = true, long, value_parser = one_of(&DescentMethod::ALL, DescentMethod::as_str), default_value_t = DescentMethod::Lbfgs, default_value_if("preset", ArgPredicate::IsPresent, "gradient"))]
+    descent: DescentMethod,
     /// Minimum angle between two dots, degrees; by default the separation that the stencil's holes
     /// need, at least 18.
     #[arg(hide = true, long, value_name = "DEG", allow_negative_numbers = true)]
@@ -187,6 +201,12 @@ pub struct Arguments {
     pub(super) json: bool,
 }
 
+/// What is set together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Preset {
+    Paper,
+}
+
 /// Minimum width of a dot in the image, pixels: 3 mm on a ball of 40 mm and 50 pixels. On rendered
 /// frames smaller dots cost 5 to 20 points of correct answers.
 const MIN_DOT_PX: f64 = 3.75;
@@ -212,7 +232,9 @@ impl Arguments {
             scout_steps: self.scout_steps,
             climb_steps: self.climb_steps,
             samples: self.samples,
+            descent: self.descent,
             protocol: self.protocol,
+            recognizer: self.recognizer,
             ball_px: self.ball_px,
             pixel_noise: self.pixel_noise,
             blur: self.blur,
@@ -269,20 +291,21 @@ impl Arguments {
         Ok(request)
     }
 
-    /// The configuration of the search; what the objective `coverage` counts is that of the camera, where one
-    /// is given.
+    /// The configuration of the search; how often views show too few dots is that of the camera, where one is given.
     pub(super) fn config(&self) -> Result<DesignConfig> {
         #[cfg_attr(not(feature = "vision"), expect(unused_mut))]
         let mut config = self.whole_request()?.config()?;
         #[cfg(feature = "vision")]
-        if let (ObjectiveName::Coverage, Some(camera)) = (config.objective.name(), &self.camera) {
+        if let (Objective::FailureRate(objective), Some(camera)) =
+            (&mut config.objective, &self.camera)
+        {
             use crate::camera::{COVERAGE_FRAMES, coverage};
 
             let conditions = super::camera::conditions(camera, &self.stencil())?;
             let counter = Counter::new(COVERAGE_FRAMES, "frames of the camera");
             let measured = coverage(&conditions, config.dots, &|n| counter.add(n))?;
             counter.finish();
-            config.objective = Objective::Coverage(measured);
+            objective.too_few = vec![measured];
         }
         Ok(config)
     }
@@ -339,7 +362,7 @@ impl Arguments {
         if let Some(camera) = &self.camera {
             add(format!("--camera {}", quoted(&camera.to_string())));
         }
-        if self.protocol == ProtocolName::Image {
+        if self.protocol.include(ProtocolName::Image) {
             add(format!("--ball-px {}", self.ball_px));
         }
         for (key, value) in self.settings(config) {
@@ -384,6 +407,8 @@ impl Arguments {
             ("scout_steps", config.scout_steps.to_string()),
             ("climb_steps", config.climb_steps.to_string()),
             ("objective", config.objective.name().to_string()),
+            ("descent", config.descent.to_string()),
+            ("recognizer", config.recognizer.to_string()),
             ("bound_weight", config.bound_weight.to_string()),
             ("bound_goal", format!("{},{}", goal.mean, goal.worst)),
             ("basis_weight", config.basis_weight.to_string()),
@@ -398,7 +423,7 @@ impl Arguments {
         if self.camera.is_some() && self.camera_frames != RaceConfig::default().max_frames {
             all.push(("camera_frames", self.camera_frames.to_string()));
         }
-        if self.protocol == ProtocolName::Image {
+        if self.protocol.include(ProtocolName::Image) {
             all.push(("pixel_noise", self.pixel_noise.to_string()));
             all.push(("blur", self.blur.to_string()));
         }
@@ -409,8 +434,8 @@ impl Arguments {
 /// Takes the name of an objective; for the one that was renamed it says what replaced it.
 fn objective_name() -> impl TypedValueParser<Value = ObjectiveName> {
     let names = ObjectiveName::ALL.map(|name| PossibleValue::new(name.as_str()));
-    let before = PossibleValue::new(NAME_BEFORE).hide(true);
-    PossibleValuesParser::new(names.into_iter().chain([before]))
+    let before = PARTS.map(|name| PossibleValue::new(name).hide(true));
+    PossibleValuesParser::new(names.into_iter().chain(before))
         .try_map(|name| name.parse::<ObjectiveName>())
 }
 

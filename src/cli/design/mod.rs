@@ -11,12 +11,13 @@ use std::time::Instant;
 
 use super::interrupt::{keeps, stop_on_interrupt};
 use super::memory::check_for_design;
-use super::output::quoted;
+use super::output::{degrees_or_dash, quoted};
 use super::print_json;
 use crate::design::Shard;
 use crate::error::Result;
 use crate::recognize::RecognizerName;
-use crate::report::{CHECKPOINT, DesignEvaluation, DesignJob, Start};
+use crate::report::{CHECKPOINT, DesignEvaluation, DesignJob, DesignReport, Start};
+use crate::validate::NamedValidation;
 
 pub use arguments::Arguments;
 #[cfg(feature = "mark")]
@@ -199,8 +200,8 @@ fn print_added(found: &DesignEvaluation) {
             outln!(
                 "{:<8} {:>24} {:>24}",
                 before.protocol,
-                before.answered_right().to_string(),
-                after.answered_right().to_string()
+                before.answered.to_string(),
+                after.answered.to_string()
             );
         }
     }
@@ -225,29 +226,61 @@ pub(super) fn print_words(found: &DesignEvaluation, seconds: f64) {
         report.mean_feature_distance,
     );
     outln!(
-        "{:<8} {:<6} {:>24} {:>24} {:>11}",
+        "{:<8} {:>24} {:>8} {:>24} {:>10}",
         "protocol",
-        "recog.",
-        "identity [95 %]",
-        "orientation [95 %]",
+        "right, of all views",
+        "too few",
+        "all dots, of the rest",
         "mean error"
     );
-    for v in &report.validation {
-        let rates = &v.validation;
+    let ours = |v: &&NamedValidation| v.recognizer == report.config.recognizer;
+    for rates in report.validation.iter().filter(ours).map(|v| &v.validation) {
         outln!(
-            "{:<8} {:<6} {:>24} {:>24} {:>7.3} deg",
+            "{:<8} {:>24} {:>6.1} % {:>24} {:>10}",
             rates.protocol,
-            v.recognizer,
-            rates.identity.to_string(),
-            rates.orientation.to_string(),
-            rates.mean_error_deg,
+            rates.answered.to_string(),
+            100.0 * rates.skipped_share(),
+            match rates.identity.trials {
+                0 => "-".to_owned(),
+                _ => rates.identity.to_string(),
+            },
+            degrees_or_dash(rates.mean_error_deg, 2),
         );
     }
     if let Some(first) = report.validation.first() {
         outln!(
-            "{} trials each, on seed {}, which the search never used.",
+            "{} trials each, on seed {}, which the search never used; {} recognizer, 95 % intervals.",
             first.validation.samples,
-            report.seeds.report
+            report.seeds.report,
+            report.config.recognizer
         );
     }
+    for warning in too_few_dots(report) {
+        errln!("spindoe: {warning}");
+    }
+}
+
+/// Share of views with too few dots from which on that is said.
+const MANY_SKIPPED: f64 = 0.05;
+
+/// What is to be said where many views show too few dots: of the protocols that the design is for.
+fn too_few_dots(report: &DesignReport) -> Vec<String> {
+    let config = &report.config;
+    let own = |v: &&NamedValidation| {
+        v.recognizer == config.recognizer && config.views.include(v.validation.protocol)
+    };
+    let many = report.validation.iter().filter(own).map(|v| &v.validation);
+    let many = many.filter(|v| v.skipped_share() > MANY_SKIPPED);
+    many.map(|v| {
+        let view = v.protocol.view();
+        format!(
+            "warning: {:.1} % of the `{}` views show fewer than {} dots with z above {:.2}, and are lost; what helps: \
+             more dots, dots farther apart (--config min_separation_deg=DEG), or a detector that sees them nearer to the limb",
+            100.0 * v.skipped_share(),
+            v.protocol,
+            view.min_dots,
+            view.visibility_limit
+        )
+    })
+    .collect()
 }

@@ -111,17 +111,17 @@ impl<'a> DesignProgress<'a> {
             Stage::Halve => "last trial of the best".to_owned(),
         };
         match state.milestones.last() {
-            Some(m) => format!("{what}, best {:.2} %", 100.0 * m.identity.rate),
+            Some(m) => format!("{what}, best {:.2} %", 100.0 * m.answered.rate),
             None => what,
         }
     }
 
     /// What a plain line adds to that: the best rate whole.
     fn more(&self, state: &SearchState) -> String {
-        let protocol = self.config.protocol.name();
+        let protocol = self.config.views;
         match state.milestones.last() {
-            Some(Milestone { identity, .. }) => {
-                let [low, high] = [identity.low, identity.high].map(|rate| 100.0 * rate);
+            Some(Milestone { answered, .. }) => {
+                let [low, high] = [answered.low, answered.high].map(|rate| 100.0 * rate);
                 format!(" [{low:.2}, {high:.2}], protocol {protocol}")
             }
             None => String::new(),

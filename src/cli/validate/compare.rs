@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::{Arguments, SAMPLES};
 use crate::ball::Ball;
-use crate::cli::output::{Counter, quoted};
+use crate::cli::output::{Counter, degrees_or_dash, quoted};
 use crate::cli::print_json;
 use crate::error::Result;
 use crate::files;
@@ -149,24 +149,26 @@ fn print_words(found: &Comparison) {
     let longest = found.patterns.iter().map(|p| p.name.chars().count()).max();
     let width = longest.unwrap_or(0).clamp(7, 24);
     outln!(
-        "\n{:<9}{:<8}{:<width$}  {:>23}  {:>23}  {:>10}",
+        "\n{:<9}{:<8}{:<width$}  {:>23}  {:>7}  {:>23}  {:>10}",
         "protocol",
         "recog.",
         "pattern",
-        "identity [95 %]",
-        "orientation [95 %]",
+        "right, all views",
+        "too few",
+        "all dots, of the rest",
         "mean error"
     );
     for c in &found.contests {
         let v = &c.validation;
         outln!(
-            "{:<9}{:<8}{:<width$}  {:>23}  {:>23}  {:>6.2} deg",
+            "{:<9}{:<8}{:<width$}  {:>23}  {:>5.1} %  {:>23}  {:>10}",
             v.protocol.as_str(),
             c.recognizer.as_str(),
             shortened(&c.name, width),
+            v.answered.to_string(),
+            100.0 * v.skipped_share(),
             v.identity.to_string(),
-            v.orientation.to_string(),
-            v.mean_error_deg,
+            degrees_or_dash(v.mean_error_deg, 2),
         );
     }
     print_differences(found);
@@ -181,7 +183,7 @@ fn print_differences(found: &Comparison) {
         .contests
         .iter()
         .filter(|c| {
-            [c.identity_difference, c.orientation_difference]
+            [c.answered_difference, c.identity_difference]
                 .iter()
                 .any(is_clear)
         })
@@ -195,8 +197,8 @@ fn print_differences(found: &Comparison) {
     }
     for c in clear {
         let rates = [
-            ("identity", &c.identity_difference),
-            ("orientation", &c.orientation_difference),
+            ("right", &c.answered_difference),
+            ("all dots right", &c.identity_difference),
         ];
         let clear = rates.iter().filter(|(_, d)| is_clear(d));
         let words: Vec<String> = clear

@@ -12,7 +12,7 @@ use clap::{Args, ValueEnum};
 
 #[cfg(feature = "vision")]
 use super::camera::CameraArguments;
-use super::output::{Counter, one_of};
+use super::output::{Counter, degrees_or_dash, one_of};
 use super::print_json;
 use crate::ball::Ball;
 use crate::error::{Error, Result};
@@ -190,16 +190,18 @@ fn print_words(found: &NamedValidation) {
         v.seed,
         v.skipped
     );
-    outln!("  identity     {} of {}", v.identity, v.identity.trials);
+    outln!("  right        {} of all {}", v.answered, v.samples);
+    outln!("of those with enough dots:");
     outln!(
         "  orientation  {} of {}",
         v.orientation,
         v.orientation.trials
     );
+    outln!("  all dots     {} of {}", v.identity, v.identity.trials);
     outln!(
-        "  error of the orientation successes: mean {:.3} deg, median {:.3} deg",
-        v.mean_error_deg,
-        v.median_error_deg
+        "  error of the right ones: mean {}, median {}",
+        degrees_or_dash(v.mean_error_deg, 3),
+        degrees_or_dash(v.median_error_deg, 3)
     );
     if let (Some(mean), Some(median)) = (v.us_per_identification, v.median_us_per_identification) {
         outln!("  {mean:.1} us an identification (median {median:.1})");

@@ -50,12 +50,12 @@ pub(super) fn run(arguments: &Arguments, ball: &Ball) -> Result<()> {
     for p in &points {
         let v = &p.result.validation;
         outln!(
-            "{:<9} {:>6}  {:<6}  identity {}  orientation {}",
+            "{:<9} {:>6}  {:<6}  right {}  all dots, of views with enough, {}",
             p.parameter.as_str(),
             p.value,
             p.result.recognizer,
-            v.identity,
-            v.orientation
+            v.answered,
+            v.identity
         );
     }
     Ok(())

@@ -1,7 +1,6 @@
 //! Where one more dot would help most.
 //!
-//! The objectives rank all places: the analytic confusion rate (up to 24 dots) and the rate of views with too few dots.
-//! The best of each are compared on trials, all on the same views: those of a ball without the dot, with the dot shown
+//! The expected rate of views that fail ranks all places. The best are compared on trials, all on the same views: those of a ball without the dot, with the dot shown
 //! besides ([`TrialGenerator::show_one_more`](crate::view::TrialGenerator::show_one_more)). The gain of the best one is
 //! measured on the trials of another seed, with Newcombe's interval for the paired difference.
 
@@ -9,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Answer, CHOICE, DotSetConfig, GAIN};
 use crate::concurrency;
-use crate::design::objective::{Objective, ObjectiveName};
+use crate::design::objective::FailureRate;
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between, spiral_directions};
 use crate::pattern::{MAX_DOTS, Pattern};
@@ -21,12 +20,8 @@ use crate::view::{Trial, ViewModel};
 
 /// Places on the ball, some 26 degrees apart: with 200 the ranking took 23 s of one core for 20 dots.
 const PLACES: usize = 60;
-/// Places of each objective that are compared on trials.
-const COMPARED: usize = 2;
-/// Objectives that rank the places. On three random patterns that did not suggest them (10, 12 and 14 dots, some 35 places
-/// with 3 000 views of protocol `clutter` each), the best place by confusion is right in 0.6 to 1.7 points more of the views
-/// than the mean place, that by coverage in -0.1 to 1.5; no place is better by more than 1.8.
-const OBJECTIVES: [ObjectiveName; 2] = [ObjectiveName::Confusion, ObjectiveName::Coverage];
+/// Places that are compared on trials.
+const COMPARED: usize = 4;
 /// Trials for one task.
 const CHUNK: usize = 16;
 
@@ -113,18 +108,11 @@ pub(super) fn next_dot(base: &Pattern, config: &DotSetConfig) -> Result<Option<N
     if places.is_empty() || base.len() == MAX_DOTS {
         return Ok(None);
     }
-    let mut tried: Vec<usize> = Vec::new();
-    for name in OBJECTIVES
-        .into_iter()
-        .filter(|name| name.suits(base.len() + 1))
-    {
-        let ranked = ranked(base, &places, &Objective::for_view(name, &config.view))?;
-        let new: Vec<usize> = ranked.into_iter().filter(|k| !tried.contains(k)).collect();
-        tried.extend(new.into_iter().take(COMPARED));
-    }
+    let objective = FailureRate::of_views(&[config.view], base.len() + 1)?;
+    let ranked = ranked(base, &places, &objective);
     let chosen: Vec<u64> = (0..config.samples).collect();
     let mut best: Option<(usize, Extended<'_>)> = None;
-    for k in tried {
+    for k in ranked.into_iter().take(COMPARED) {
         let extended = Extended::new(base, places[k], config.view)?;
         let right = extended.right(config.seed ^ CHOICE, &chosen);
         if best.as_ref().is_none_or(|(most, _)| right > *most) {
@@ -135,16 +123,15 @@ pub(super) fn next_dot(base: &Pattern, config: &DotSetConfig) -> Result<Option<N
         .transpose()
 }
 
-/// The numbers of the places, the best by an objective first.
-fn ranked(base: &Pattern, places: &[Vec3], objective: &Objective) -> Result<Vec<usize>> {
-    let costs = concurrency::map(places, |place| {
+/// The numbers of the places, that of the fewest expected failures first.
+fn ranked(base: &Pattern, places: &[Vec3], objective: &FailureRate) -> Vec<usize> {
+    let rates = concurrency::map(places, |place| {
         let dots: Vec<Vec3> = base.dots().iter().copied().chain([*place]).collect();
-        objective.cost(&dots).map(|at| at.value)
+        objective.evaluate(&dots).value
     });
-    let costs: Vec<f64> = costs.into_iter().collect::<Result<_>>()?;
     let mut order: Vec<usize> = (0..places.len()).collect();
-    order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
-    Ok(order)
+    order.sort_by(|&a, &b| rates[a].total_cmp(&rates[b]));
+    order
 }
 
 /// The directions that leave room for a dot.

@@ -33,6 +33,7 @@ use super::erfc::normal_tail;
 use super::evaluation::Evaluation;
 use super::lookalikes::lookalikes;
 use crate::geometry::{Vec3, spiral_directions};
+use crate::view::ViewModel;
 
 /// Quadruples farther apart than this many sigma are left out; one in 740 of them is confused.
 const REACH: f64 = 6.0;
@@ -77,6 +78,15 @@ struct Quadruple {
 }
 
 impl Confusion {
+    /// For these views.
+    pub fn of_view(view: &ViewModel) -> Self {
+        Self {
+            sigma_rad: super::sigma_rad(view),
+            visibility_limit: view.visibility_limit,
+            ..Self::default()
+        }
+    }
+
     /// The expected failure rate, a fraction in [0, 1], and its derivative.
     pub fn evaluate(&self, dots: &[Vec3]) -> Evaluation {
         let sigma = self.sigma_rad * self.tail_factor;

@@ -4,11 +4,9 @@
 //!   serves comparisons with the paper.
 //! - [`whitened`]: the same mean in units of the noise that the dots give to a feature, so that
 //!   bases near singular do not count as distinct.
-//! - [`confusion`]: the expected rate at which four visible dots are mistaken for four others. It
-//!   is an analytic failure rate, and the default: `docs/objectives.md` shows how well each
-//!   objective predicts the measured rate.
-//! - [`coverage`]: the expected rate of views in which a camera detects too few dots. For any number
-//!   of dots.
+//! - [`failure_rate`]: the expected rate of views that fail. It is an analytic failure rate, and the default up to 24
+//!   dots: `docs/objectives.md` shows how well each objective predicts the measured rate. Its two parts are
+//!   [`too_few`], views that show too few dots, and [`confusion`], four visible dots mistaken for four others.
 //!
 //! The optimizer minimizes the logarithm of the value (with its sign reversed where larger is
 //! better): scales then do not matter, and a step is a relative change.
@@ -17,22 +15,24 @@ pub mod align;
 pub mod basis;
 pub mod bound;
 pub mod confusion;
-pub mod coverage;
 mod erfc;
 mod evaluation;
+pub mod failure_rate;
 mod lookalikes;
 pub mod mean_nn;
+pub mod too_few;
 pub mod whitened;
 
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
-use crate::view::{Detection, ViewModel};
+use crate::view::ViewModel;
 
 pub use bound::OrientationBound;
 pub use confusion::Confusion;
-pub use coverage::Coverage;
 pub use evaluation::Evaluation;
+pub use failure_rate::FailureRate;
 pub use mean_nn::MeanNearestNeighbor;
+pub use too_few::{CountFailures, CountedView, TooFewDots};
 pub use whitened::WhitenedNearestNeighbor;
 
 /// The objective that a descent minimizes.
@@ -46,30 +46,23 @@ pub enum ObjectiveName {
     /// The mean distance from each triple of dots to the most similar other one, in units of the
     /// noise.
     WhitenedNn,
-    /// The expected rate at which four visible dots are mistaken for four others.
+    /// The expected rate of views that fail.
     #[default]
-    Confusion,
-    /// The expected rate of views in which a camera detects too few dots.
-    Coverage,
+    FailureRate,
 }
 
-/// What `coverage` was called while it also counted false poses.
-pub(crate) const NAME_BEFORE: &str = "coincidence";
+/// Objectives of former versions, which counted a part of the failures each.
+pub(crate) const PARTS: [&str; 3] = ["confusion", "coverage", "coincidence"];
 
 impl ObjectiveName {
     /// All objectives, the paper's first.
-    pub const ALL: [Self; 4] = [
-        Self::MeanNn,
-        Self::WhitenedNn,
-        Self::Confusion,
-        Self::Coverage,
-    ];
+    pub const ALL: [Self; 3] = [Self::MeanNn, Self::WhitenedNn, Self::FailureRate];
 
-    /// The default objective for so many dots: `confusion` as far as it can be computed,
+    /// The default objective for so many dots: `failure-rate` as far as all of it can be computed,
     /// `whitened-nn` beyond.
     pub fn for_dots(dots: usize) -> Self {
         if dots <= confusion::MAX_DOTS {
-            Self::Confusion
+            Self::FailureRate
         } else {
             Self::WhitenedNn
         }
@@ -80,14 +73,13 @@ impl ObjectiveName {
         match self {
             Self::MeanNn => "mean-nn",
             Self::WhitenedNn => "whitened-nn",
-            Self::Confusion => "confusion",
-            Self::Coverage => "coverage",
+            Self::FailureRate => "failure-rate",
         }
     }
 
     /// Whether it can be computed for so many dots.
     pub fn suits(self, dots: usize) -> bool {
-        self != Self::Confusion || dots <= confusion::MAX_DOTS
+        self != Self::FailureRate || dots <= confusion::MAX_DOTS
     }
 }
 
@@ -95,8 +87,9 @@ impl std::str::FromStr for ObjectiveName {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
-        if name == NAME_BEFORE {
-            let problem = "coincidence was replaced by coverage, which counts no false poses";
+        if PARTS.contains(&name) {
+            let problem =
+                format!("{name} was replaced by failure-rate, which counts all views that fail");
             return Err(Error::argument("objective", problem));
         }
         crate::error::by_name(&Self::ALL, Self::as_str, "objective", name)
@@ -110,49 +103,57 @@ impl std::fmt::Display for ObjectiveName {
 }
 
 /// An objective with its parameters.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "name", rename_all = "kebab-case")]
 pub enum Objective {
     /// See [`mean_nn`].
     MeanNn(MeanNearestNeighbor),
     /// See [`whitened`].
     WhitenedNn(WhitenedNearestNeighbor),
-    /// See [`confusion`].
-    Confusion(Confusion),
-    /// See [`coverage`].
-    Coverage(Coverage),
+    /// See [`failure_rate`].
+    FailureRate(FailureRate),
+}
+
+/// Noise of a dot in these views, radians per tangent axis. Without noise nothing is confused; a hundredth of a degree
+/// keeps the values finite.
+fn sigma_rad(view: &ViewModel) -> f64 {
+    (view.noise_scale * view.noise.tangent_sigma_rad()).max(2e-4)
 }
 
 impl Default for Objective {
     fn default() -> Self {
-        Self::Confusion(Confusion::default())
+        Self::FailureRate(FailureRate::default())
     }
 }
 
 impl Objective {
-    /// The objective of that name for these views. `coverage` counts all dots that a view shows, also
-    /// where only some of them are given.
-    pub fn for_view(name: ObjectiveName, view: &ViewModel) -> Self {
-        // Without noise nothing is confused; a hundredth of a degree keeps the values finite.
-        let sigma_rad = (view.noise_scale * view.noise.tangent_sigma_rad()).max(2e-4);
-        match name {
+    /// The objective of that name for these views, in equal parts, of patterns of so many dots. The unit of
+    /// `whitened-nn` is the noise of the first.
+    ///
+    /// # Errors
+    /// As [`FailureRate::of_views`].
+    pub fn for_views(name: ObjectiveName, views: &[ViewModel], dots: usize) -> Result<Self> {
+        Ok(match name {
             ObjectiveName::MeanNn => Self::MeanNn(MeanNearestNeighbor::default()),
-            ObjectiveName::WhitenedNn => Self::WhitenedNn(WhitenedNearestNeighbor { sigma_rad }),
-            ObjectiveName::Confusion => Self::Confusion(Confusion {
-                sigma_rad,
-                visibility_limit: view.visibility_limit,
-                ..Confusion::default()
-            }),
-            ObjectiveName::Coverage => Self::Coverage(Coverage {
-                visibility_limit: view.visibility_limit,
-                softness: 0.04,
-                limit_spread: 0.0,
-                detection_probability: match view.detection {
-                    Detection::Each { probability } => probability,
-                    Detection::Given { .. } => 1.0,
+            ObjectiveName::WhitenedNn => Self::WhitenedNn(match views.first() {
+                Some(view) => WhitenedNearestNeighbor {
+                    sigma_rad: sigma_rad(view),
                 },
-                crowding: 0.0,
+                None => WhitenedNearestNeighbor::default(),
             }),
+            ObjectiveName::FailureRate => Self::FailureRate(FailureRate::of_views(views, dots)?),
+        })
+    }
+
+    /// What the end of a descent lowers: the same without the softness that its beginning needs.
+    #[must_use]
+    pub fn sharpened(self) -> Self {
+        match self {
+            Self::FailureRate(o) => Self::FailureRate(FailureRate {
+                too_few: o.too_few.into_iter().map(TooFewDots::sharpened).collect(),
+                ..o
+            }),
+            other => other,
         }
     }
 
@@ -161,18 +162,17 @@ impl Objective {
         match self {
             Self::MeanNn(_) => ObjectiveName::MeanNn,
             Self::WhitenedNn(_) => ObjectiveName::WhitenedNn,
-            Self::Confusion(_) => ObjectiveName::Confusion,
-            Self::Coverage(_) => ObjectiveName::Coverage,
+            Self::FailureRate(_) => ObjectiveName::FailureRate,
         }
     }
 
     /// Whether larger values are better.
     pub fn larger_is_better(&self) -> bool {
-        !matches!(self, Self::Confusion(_) | Self::Coverage(_))
+        !matches!(self, Self::FailureRate(_))
     }
 
     /// The value itself: a mean distance (`mean-nn`, without unit; `whitened-nn`, in units of
-    /// sigma) or a failure rate (`confusion`, `coverage`).
+    /// sigma) or a failure rate (`failure-rate`).
     ///
     /// # Errors
     /// [`crate::Error::Argument`] for coordinates that are not finite.
@@ -180,8 +180,7 @@ impl Objective {
         match self {
             Self::MeanNn(o) => o.evaluate(dots),
             Self::WhitenedNn(o) => o.evaluate(dots),
-            Self::Confusion(o) => Ok(o.evaluate(dots)),
-            Self::Coverage(o) => Ok(o.evaluate(dots)),
+            Self::FailureRate(o) => Ok(o.evaluate(dots)),
         }
     }
 

@@ -1,14 +1,14 @@
-//! The search: rounds of many starts, each screened, descended, evaluated by Monte Carlo and
-//! halved.
+//! The search: rounds of many starts, each descended and evaluated by Monte Carlo; the best meet on fresh trials.
 //!
-//! A round takes a number of starts down a few steps (cheap), takes the best quarter down to
-//! convergence, and evaluates the best of those by Monte Carlo. The first round starts at random.
-//! Later rounds move a few dots of the best patterns so far, and one start in four stays random.
-//! The best few of all rounds so far meet in a last trial, where each halving doubles the trials of
-//! those that remain.
+//! A round takes a number of starts down a few steps (cheap), and the best quarter by their cost down to convergence.
+//! Every pattern of both that meets the constraints is a candidate and is evaluated by Monte Carlo, whatever its cost.
+//! The first round starts at random. Later rounds move a few dots of the best patterns so far, and one start in four
+//! stays random. The best few of all rounds meet in a last trial, where each halving doubles the trials of those that
+//! remain.
 //!
-//! All trials of one stage of one round share their seed, so candidates are compared on the same
-//! views. No other stage uses that seed: a candidate cannot profit from the same luck twice.
+//! All trials of one round share their seed, so candidates are compared on the same views, and so do those of one
+//! halving. No other stage uses that seed, and each halving counts its own trials alone: a candidate cannot profit from
+//! the same luck twice.
 //!
 //! The search is a deterministic function of its configuration. Its [`SearchState`] after every
 //! batch of descents holds everything needed to continue. It does not guarantee the global optimum.
@@ -20,7 +20,7 @@ mod work;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use self::feasible::check_feasible;
-use self::work::{attempt, climb, rate, scout};
+use self::work::{climb, rate, scout};
 use super::config::DesignConfig;
 use super::constraints::NO_STENCIL;
 use super::state::{Candidate, Milestone, SearchState, sort_by_rate};
@@ -230,17 +230,14 @@ impl Search<'_> {
             .cloned()
             .collect();
         self.climb(state, &chosen)?;
+        let reached = state.scouted.iter().chain(&state.climbed).cloned();
+        let mut reached: Vec<Candidate> = reached.collect();
         if self.stopped() {
-            let reached = if state.climbed.is_empty() {
-                chosen
-            } else {
-                state.climbed.clone()
-            };
-            let reached = reached.into_iter().chain(self.unfinished.split_off(0));
-            self.unfinished = self.best_tried(state, reached.collect())?;
+            reached.append(&mut self.unfinished);
+            self.unfinished = self.best_tried(state, reached)?;
             return Ok(false);
         }
-        let mut tried = self.best_tried(state, state.climbed.clone())?;
+        let mut tried = self.best_tried(state, reached)?;
         state.pool.append(&mut tried);
         sort_by_rate(&mut state.pool);
         state.pool.truncate(POOL);
@@ -294,7 +291,7 @@ impl Search<'_> {
         }
     }
 
-    /// The best of a round by their rates, after trials of those of minimum cost.
+    /// The best of a round by their rates, after trials of all that meet the constraints.
     fn best_tried(
         &mut self,
         state: &mut SearchState,
@@ -303,19 +300,20 @@ impl Search<'_> {
         let config = self.config;
         state.missed = tried.iter().rev().find_map(|c| c.missed.clone());
         tried.retain(|c| c.missed.is_none());
-        tried.sort_by(|a, b| {
-            a.short_of_goal
-                .cmp(&b.short_of_goal)
-                .then(a.cost.total_cmp(&b.cost))
-                .then(a.start.cmp(&b.start))
-        });
-        tried.truncate(2 * SENT_ON);
         let seed = config.selection_seed(state.round + 1, 0);
         for candidate in &mut tried {
-            attempt(config, candidate, seed, config.samples)?;
+            candidate.answered = Some(rate(config, candidate, seed, config.samples)?);
             self.note(state, Stage::Try)?;
         }
         sort_by_rate(&mut tried);
+        // A start and its own continuation are one pattern too many.
+        let mut starts = Vec::new();
+        tried.retain(|c| {
+            !starts.contains(&c.start) && {
+                starts.push(c.start);
+                true
+            }
+        });
         tried.truncate(SENT_ON);
         Ok(tried)
     }
@@ -324,11 +322,11 @@ impl Search<'_> {
     fn milestone(&mut self, state: &mut SearchState, best: &Candidate) -> Result<()> {
         let config = self.config;
         let samples = MILESTONE_VIEWS * config.samples;
-        let identity = rate(config, best, config.progress_seed(), samples)?;
+        let answered = rate(config, best, config.progress_seed(), samples)?;
         state.milestones.push(Milestone {
             elapsed_s: self.elapsed_s(),
             rounds: state.round,
-            identity,
+            answered,
         });
         Ok(())
     }
@@ -344,7 +342,7 @@ impl Search<'_> {
             let seed = config.selection_seed(0, halving);
             let samples = config.samples << halving.min(3);
             for candidate in &mut field {
-                attempt(config, candidate, seed, samples)?;
+                candidate.answered = Some(rate(config, candidate, seed, samples)?);
                 self.note(state, Stage::Halve)?;
             }
             sort_by_rate(&mut field);

@@ -11,15 +11,15 @@ use rand_chacha::ChaCha8Rng;
 
 use super::feasible::start_separation;
 use super::start::{add_dots, move_dots};
+use crate::ball::Ball;
 use crate::design::config::DesignConfig;
 use crate::design::descent::{Cost, Descent};
-use crate::design::objective::{Evaluation, OrientationBound, basis};
+use crate::design::objective::{Evaluation, Objective, OrientationBound, basis};
 use crate::design::state::Candidate;
 use crate::error::Result;
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::{Pattern, random_pattern};
-use crate::recognize::robust::RobustRecognizer;
-use crate::validate::{Proportion, Trials, Validation};
+use crate::validate::{Proportion, ValidationConfig};
 
 /// Maximum displacement of the dots of an existing pattern that makes a start, radians.
 const SHAKE_RAD: f64 = 0.05;
@@ -29,12 +29,33 @@ const FRESH_EVERY: usize = 4;
 const MAX_MOVED: usize = 4;
 
 /// The weighted sum that a descent lowers.
-struct DesignCost<'a>(&'a DesignConfig);
+struct DesignCost<'a> {
+    config: &'a DesignConfig,
+    objective: Objective,
+}
+
+impl<'a> DesignCost<'a> {
+    /// For first steps.
+    fn soft(config: &'a DesignConfig) -> Self {
+        Self {
+            config,
+            objective: config.objective.clone(),
+        }
+    }
+
+    /// For last ones.
+    fn sharp(config: &'a DesignConfig) -> Self {
+        Self {
+            config,
+            objective: config.objective.clone().sharpened(),
+        }
+    }
+}
 
 impl Cost for DesignCost<'_> {
     fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
-        let config = self.0;
-        let mut at = config.objective.cost(dots)?;
+        let config = self.config;
+        let mut at = self.objective.cost(dots)?;
         let mut add = |weight: f64, term: &Evaluation, slope: f64| {
             at.value += weight * term.value;
             for (g, t) in at.gradient.iter_mut().zip(&term.gradient) {
@@ -112,24 +133,25 @@ fn added_pattern(
     Pattern::new(dots)
 }
 
-/// A pattern with its values.
+/// A pattern with its values. Costs are compared as the end of a descent has them.
 fn candidate(
     config: &DesignConfig,
     start: usize,
     before: f64,
     pattern: &Pattern,
 ) -> Result<Candidate> {
+    let cost = DesignCost::sharp(config);
     Ok(Candidate {
         start,
         value_before: before,
-        value: config.objective.evaluate_at(pattern.dots())?.value,
-        cost: DesignCost(config).cost(pattern.dots())?.value,
+        value: cost.objective.evaluate_at(pattern.dots())?.value,
+        cost: cost.cost(pattern.dots())?.value,
         missed: config.constraints.missed(pattern),
         short_of_goal: config.bound_goal.is_some_and(|goal| {
             let bound = OrientationBound::default().summary(pattern.dots());
             !(bound.mean <= goal.mean && bound.worst <= goal.worst)
         }),
-        identity: None,
+        answered: None,
         dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
     })
 }
@@ -142,12 +164,13 @@ pub(super) fn scout(
     stop: &AtomicBool,
 ) -> Result<Candidate> {
     let first = first_pattern(config, pool, start)?;
-    let before = config.objective.evaluate_at(first.dots())?.value;
-    let descent = Descent {
-        stop,
-        ..Descent::of_steps(config.scout_steps)
-    };
-    let found = descent.run(&first, &DesignCost(config), &config.constraints)?;
+    let cost = DesignCost::soft(config);
+    let before = DesignCost::sharp(config)
+        .objective
+        .evaluate_at(first.dots())?
+        .value;
+    let found =
+        descent(config, config.scout_steps, stop).run(&first, &cost, &config.constraints)?;
     candidate(config, start, before, &found)
 }
 
@@ -157,50 +180,39 @@ pub(super) fn climb(
     scouted: &Candidate,
     stop: &AtomicBool,
 ) -> Result<Candidate> {
-    let descent = Descent {
-        stop,
-        ..Descent::of_steps(config.climb_steps)
-    };
-    let found = descent.run(
-        &scouted.pattern()?,
-        &DesignCost(config),
-        &config.constraints,
-    )?;
+    let cost = DesignCost::sharp(config);
+    let descent = descent(config, config.climb_steps, stop);
+    let found = descent.run(&scouted.pattern()?, &cost, &config.constraints)?;
     candidate(config, scouted.start, scouted.value_before, &found)
 }
 
-/// A candidate's rate ([`Candidate::identity`]) with the robust recognizer.
+fn descent<'a>(config: &DesignConfig, steps: u64, stop: &'a AtomicBool) -> Descent<'a> {
+    Descent {
+        method: config.descent,
+        steps,
+        stop,
+    }
+}
+
+/// Right orientations of all views of a candidate: of each protocol an equal part of `samples` trials.
 pub(super) fn rate(
     config: &DesignConfig,
     candidate: &Candidate,
     seed: u64,
     samples: u64,
 ) -> Result<Proportion> {
-    let pattern = candidate.pattern()?;
-    let trials = Trials::first(&pattern, *config.protocol.view(), seed, samples);
-    let robust = RobustRecognizer::new(&pattern, trials.view.into())?;
-    let found = trials.run(&robust, &|_| {})?;
-    let found = Validation::of(&found, config.protocol.name(), &trials);
-    Ok(match config.constraints.drawn {
-        0 => found.identity,
-        _ => found.answered_right(),
-    })
-}
-
-/// Adds trials to a candidate's.
-pub(super) fn attempt(
-    config: &DesignConfig,
-    candidate: &mut Candidate,
-    seed: u64,
-    samples: u64,
-) -> Result<()> {
-    let new = rate(config, candidate, seed, samples)?;
-    let (successes, trials) = candidate
-        .identity
-        .map_or((0, 0), |p| (p.successes, p.trials));
-    candidate.identity = Some(Proportion::new(
-        successes + new.successes,
-        trials + new.trials,
-    ));
-    Ok(())
+    let ball = Ball::new(candidate.pattern()?);
+    let (mut successes, mut trials) = (0, 0);
+    for &protocol in &config.protocols {
+        let part = ValidationConfig {
+            recognizer: config.recognizer,
+            protocol,
+            seed,
+            samples: samples.div_ceil(config.protocols.len() as u64),
+        };
+        let found = part.run(&ball, &|_| {})?.validation.answered;
+        successes += found.successes;
+        trials += found.trials;
+    }
+    Ok(Proportion::new(successes, trials))
 }

@@ -425,10 +425,10 @@ function worthSection(d) {
   section(
     "rates",
     "Is it worth drawing again?",
-    `${trials.toLocaleString("en")} simulated views per row, the same rotations and noise for all three (seed ${d.seed}). In \u201cpaper\u201d and \u201csparse\u201d a view fails unless every dot gets its own index, in \u201cclutter\u201d and \u201cimage\u201d when the orientation is more than 20\u00b0 off.`,
+    `${trials.toLocaleString("en")} simulated views per row, the same rotations and noise for all three (seed ${d.seed}). A view fails when it shows too few dots, or when the orientation is not found within 20\u00b0.`,
   ).append(
     failures({
-      title: `Views not identified, ${RECOGNIZERS.robust}`,
+      title: `Views not answered right, ${RECOGNIZERS.robust}`,
       label: "of the views fail",
       series: kinds.map(([, name, color]) => ({ name, color })),
       groups: d.monte_carlo.map((m) => ({

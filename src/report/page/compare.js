@@ -45,7 +45,7 @@ function comparePage(d) {
   const rates = section(
     "rates",
     "How often they are identified",
-    `${d.samples.toLocaleString("en")} views per row, the same rotations and noise for all patterns (seed ${d.seed}). In \u201cpaper\u201d and \u201csparse\u201d a view fails unless every dot gets its own index, in \u201cclutter\u201d and \u201cimage\u201d when the orientation is more than 20\u00b0 off.`,
+    `${d.samples.toLocaleString("en")} views per row, the same rotations and noise for all patterns (seed ${d.seed}). A view fails when it shows too few dots, or when the orientation is not found within 20\u00b0.`,
   );
   for (const recognizer of ["robust", "paper"]) {
     const of = d.contests.filter((c) => c.recognizer === recognizer);
@@ -60,7 +60,7 @@ function comparePage(d) {
     }));
     rates.append(
       failures({
-        title: `Views not identified, ${RECOGNIZERS[recognizer]}`,
+        title: `Views not answered right, ${RECOGNIZERS[recognizer]}`,
         label: "of the views fail",
         series: d.patterns.map((p, i) => ({ name: p.name, color: colors[i] })),
         groups,
@@ -77,15 +77,15 @@ function comparePage(d) {
     "Percentage points on the same trials, with 95 % intervals for pairs. They do not correct for several comparisons.",
   ).append(
     table(
-      ["views", "recognizer", "pattern", "identity", "orientation", "mean error"],
+      ["views", "recognizer", "pattern", "right, of all views", "all dots right, of all views", "mean error"],
       d.contests
         .filter((c) => c.name !== first)
         .map((c) => [
           c.protocol,
           c.recognizer,
           c.name,
+          paired(c.answered_difference),
           paired(c.identity_difference),
-          paired(c.orientation_difference),
           fixed(c.mean_error_deg, 3) + "\u00b0",
         ]),
     ),

@@ -29,7 +29,7 @@ function tiles(d) {
     paper = rate("paper");
   if (d.ranking) row.push(...rankingTiles(d.ranking));
   else if (sparse)
-    row.push(rateTile(sparse.identity, "of views of four dots identified"));
+    row.push(rateTile(sparse.answered, "of views answered right where four dots are given"));
   if (paper)
     row.push(
       tile(
@@ -361,8 +361,8 @@ function ratesSection(d) {
   const trials = d.validation[0].samples;
   const node = section(
     "rates",
-    "How often it is identified",
-    `Failures of ${trials.toLocaleString("en")} simulated views per row, with 95 % intervals: in \u201cpaper\u201d and \u201csparse\u201d a view fails unless every dot gets its own index, in \u201cclutter\u201d and \u201cimage\u201d when the orientation is more than 20\u00b0 off. These trials chose nothing in the search.`,
+    "How often it is answered right",
+    `Failures of ${trials.toLocaleString("en")} simulated views per row, with 95 % intervals: a view fails when it shows too few dots, or when the orientation is not found within 20\u00b0. These trials chose nothing in the search.`,
   );
   const series = [],
     add = (name, color, of, recognizer) => series.push({ name, color, of, recognizer });
@@ -393,7 +393,7 @@ function ratesSection(d) {
     .filter((g) => g.rates.some(Boolean));
   node.append(
     failures({
-      title: "Views not identified",
+      title: "Views not answered right",
       label: "of the views fail",
       series,
       groups,
@@ -405,16 +405,17 @@ function ratesSection(d) {
     }),
   );
   node.append(
-    el("h3", { text: "Orientation error of the identified views" }),
+    el("h3", { text: "Orientation error of the views answered right, and views with too few dots" }),
     table(
-      ["views", "recognizer", "mean", "median", "trials", "skipped"],
+      ["views", "recognizer", "mean", "median", "right, of all", "all dots right, of those with enough", "too few dots"],
       d.validation.map((v) => [
         PROTOCOLS[v.protocol]?.[0] || v.protocol,
         RECOGNIZERS[v.recognizer] || v.recognizer,
-        fixed(v.mean_error_deg, 3) + "\u00b0",
-        fixed(v.median_error_deg, 3) + "\u00b0",
-        String(v.identity.trials),
-        String(v.skipped),
+        v.mean_error_deg === null ? "\u2013" : fixed(v.mean_error_deg, 3) + "\u00b0",
+        v.median_error_deg === null ? "\u2013" : fixed(v.median_error_deg, 3) + "\u00b0",
+        interval(v.answered),
+        v.identity.trials ? interval(v.identity) : "\u2013",
+        percent(v.skipped / v.samples),
       ]),
     ),
   );
@@ -435,13 +436,13 @@ function sensitivitySection(d) {
       ["paper", "var(--c1)", "var(--c5)"],
     ])
       for (const [what, c] of [
-        ["identity", color],
-        ["orientation", pale],
+        ["answered", color],
+        ["identity", pale],
       ]) {
         const of = points.filter((p) => p.recognizer === r);
         if (of.length)
           out.push({
-            name: `${RECOGNIZERS[r]}, ${what}`,
+            name: `${RECOGNIZERS[r]}, ${what === "answered" ? "right, of all views" : "all dots right, of views with enough"}`,
             color: c,
             points: of.map((p) => ({
               x: p.value,
@@ -573,9 +574,9 @@ function searchSection(d) {
   const minutes = (m) => m.elapsed_s / 60,
     point = (m) => ({
       x: minutes(m),
-      y: 1 - m.identity.rate,
-      low: 1 - m.identity.high,
-      high: 1 - m.identity.low,
+      y: 1 - m.answered.rate,
+      low: 1 - m.answered.high,
+      high: 1 - m.answered.low,
     });
   const charts = el("div", { class: "two" });
   if (s.milestones.length > 1) {
@@ -599,7 +600,7 @@ function searchSection(d) {
   } else if (s.milestones.length)
     node.append(
       el("p", {
-        text: `After ${duration(s.milestones[0].elapsed_s)}, one round: ${interval(s.milestones[0].identity)} of ${s.milestones[0].identity.trials.toLocaleString("en")} \u201c${s.protocol}\u201d views identified.`,
+        text: `After ${duration(s.milestones[0].elapsed_s)}, one round: ${interval(s.milestones[0].answered)} of ${s.milestones[0].answered.trials.toLocaleString("en")} \u201c${s.protocol}\u201d views answered right.`,
       }),
     );
   if (s.finalists.length)
@@ -609,13 +610,13 @@ function searchSection(d) {
         {},
         el("h3", { text: "Finalists" }),
         table(
-          ["start", "objective", "identified [95 %]"],
+          ["start", "objective", "right, of all views [95 %]"],
           s.finalists
             .slice(0, 10)
             .map((f) => [
               String(f.start),
               fixed(f.value, 4),
-              f.identity ? interval(f.identity) : "\u2013",
+              f.answered ? interval(f.answered) : "\u2013",
             ]),
         ),
         el("figcaption", {
@@ -624,7 +625,7 @@ function searchSection(d) {
       ),
     );
   node.append(charts);
-  if (s.milestones.length && s.finalists.some((f) => f.identity) && d.validation.length)
+  if (s.milestones.length && s.finalists.some((f) => f.answered) && d.validation.length)
     node.append(
       el("p", {
         class: "lead",

@@ -13,7 +13,7 @@ use super::{PAGE, Page, rounded};
 use crate::ball::ObjectiveRecord;
 use crate::design::CameraRank;
 use crate::design::objective::bound::BoundSummary;
-use crate::design::{KeepOut, Milestone};
+use crate::design::{DesignViews, KeepOut, Milestone};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::recognize::paper::FeatureTree;
@@ -102,7 +102,7 @@ struct PageRanking {
 struct PageSearch {
     starts: usize,
     stopped: bool,
-    protocol: ProtocolName,
+    protocol: DesignViews,
     objective: ObjectiveRecord,
     milestones: Vec<Milestone>,
     finalists: Vec<PageFinalist>,
@@ -113,7 +113,7 @@ struct PageSearch {
 struct PageFinalist {
     start: usize,
     value: f64,
-    identity: Option<Proportion>,
+    answered: Option<Proportion>,
 }
 
 impl DesignPage {
@@ -130,12 +130,12 @@ impl DesignPage {
         let tree = ball.as_ref().map(FeatureTree::new).transpose()?;
         let distances = tree.as_ref().map(FeatureTree::nearest_distances);
         let shown = tree.as_ref().zip(distances.as_deref());
-        let protocol = report.config.protocol;
-        let searched = [protocol.name()];
-        let standard_protocols = ProtocolName::ALL
-            .into_iter()
-            .filter(|name| !searched.contains(name) || protocol == Protocol::standard(*name))
-            .collect();
+        let searched = &report.config.protocols;
+        let is_standard = |name: &ProtocolName| {
+            let own = searched.iter().find(|protocol| protocol.name() == *name);
+            own.is_none_or(|own| *own == Protocol::standard(*name))
+        };
+        let standard_protocols = ProtocolName::ALL.into_iter().filter(is_standard).collect();
         let searched_for = report.config.constraints.stencil.as_ref();
         let made = stencil.as_ref().map(|s| &s.parameters);
         let size = |name: &str, searched: Option<f64>, or: f64| {
@@ -188,7 +188,7 @@ impl DesignPage {
             search: PageSearch {
                 starts: report.starts,
                 stopped: report.stopped,
-                protocol: protocol.name(),
+                protocol: report.config.views,
                 objective: report.objective,
                 milestones: report.timing.milestones,
                 finalists: report
@@ -197,7 +197,7 @@ impl DesignPage {
                     .map(|f| PageFinalist {
                         start: f.start,
                         value: f.value,
-                        identity: f.identity,
+                        answered: f.answered,
                     })
                     .collect(),
             },
@@ -249,7 +249,9 @@ impl CameraFigures {
             .as_ref()
             .map(|camera| &camera.request.conditions);
         let number = |name: &str| stated?.get(name)?.as_f64();
-        let usual = Self::of_protocol(&report.config.protocol);
+        let by_pixels = |p: &&Protocol| matches!(p.view().noise, Noise::Pixel { .. });
+        let protocol = report.config.protocols.iter().find(by_pixels);
+        let usual = protocol.map_or_else(Self::default, Self::of_protocol);
         Self {
             pixels: number("ball_px").unwrap_or(usual.pixels),
             rate: number("fps").unwrap_or(usual.rate),

@@ -9,6 +9,7 @@ mod camera_family;
 mod camera_race;
 mod cost;
 mod derive;
+mod descents;
 mod detection_limit;
 mod flying;
 mod frames;
@@ -101,6 +102,8 @@ enum Command {
     CameraFamily(camera_family::Args),
     /// Whether a race of patterns finds the order of many more frames.
     CameraRace(camera_race::Args),
+    /// The methods of a descent beside each other.
+    Descents(descents::Args),
     /// How well objectives predict simulated failures.
     Objectives(objectives::Args),
     /// How well objectives predict failures on rendered frames, for any number of dots.
@@ -161,6 +164,7 @@ fn main() -> Outcome {
         Command::SpinMotion(args) => args.run(),
         Command::CameraFamily(args) => args.run(),
         Command::CameraRace(args) => args.run(),
+        Command::Descents(args) => args.run(),
         Command::Objectives(args) => args.run(),
         Command::ObjectivesImages(args) => args.run(),
         Command::Targets(args) => args.run(),

@@ -1,12 +1,12 @@
 //! The study that selected the default objective: how well does each objective predict the measured
-//! failure rate?
+//! failures of all views?
 //!
 //!     cargo run --release -p spindoe-studies -- objectives --help
 //!
-//! Patterns of 20 dots in three groups: random ones; random ones after a few descent steps on an
-//! objective that takes turns (good patterns are what a search must distinguish); and, among the
-//! last, those below the median failure rate. For each group the rank correlation (Spearman) of
-//! each value with the measured failures of the `sparse` protocol, and a scatter plot.
+//! For each number of dots and protocol, patterns in four groups of one size: two random; after a descent on an
+//! objective that takes turns (good patterns are what a search must distinguish); and near-regular ones, after a
+//! descent as charges that repel each other, which are where a search goes that only wants dots in every view. The
+//! values are rank correlations (Spearman) with the share of all views that fail, those with too few dots among them.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,10 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spindoe::Result;
 use spindoe::ball::Ball;
+use spindoe::design::constraints::max_separation;
 use spindoe::design::descent::descend;
+use spindoe::design::objective::{Confusion, TooFewDots, confusion};
+use spindoe::design::search::feasible::Charges;
 use spindoe::design::{Constraints, Objective, ObjectiveName};
 use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::plot::{LineSeries, ScatterPlot, scatter_plot};
@@ -23,7 +26,6 @@ use spindoe::recognize::RecognizerName;
 use spindoe::validate::ValidationConfig;
 use spindoe::view::{Protocol, ProtocolName};
 use spindoe_studies::ranks::correlation;
-use spindoe_studies::score::median;
 use spindoe_studies::table::Table;
 use spindoe_studies::{Outcome, row};
 
@@ -33,120 +35,164 @@ const TRIAL_SEED: u64 = 2_026_002;
 
 /// One pattern's values, in the order of [`NAMES`], and its failure rate.
 struct Row {
-    values: [f64; 4],
+    values: [f64; 6],
     failures: f64,
-    descended: bool,
+    kind: usize,
 }
 
-const NAMES: [&str; 4] = ["mean-nn", "whitened-nn", "confusion", "minimum separation"];
+const NAMES: [&str; 6] = [
+    "mean-nn",
+    "whitened-nn",
+    "confusion",
+    "too few",
+    "failure-rate",
+    "too few + confusion / 6",
+];
+const KINDS: [&str; 4] = ["random", "random", "after some descent", "near-regular"];
 
-fn pattern(index: usize, protocol: &Protocol) -> Result<(Pattern, bool)> {
-    let mut rng = ChaCha8Rng::seed_from_u64(PATTERN_SEED);
+fn pattern(index: usize, dots: usize, protocol: &Protocol) -> Result<Pattern> {
+    let mut rng = ChaCha8Rng::seed_from_u64(PATTERN_SEED + dots as u64);
     rng.set_stream(index as u64);
-    let separation = rng.random_range(10.0f64..28.0).to_radians();
-    let start = random_pattern(20, separation, &mut rng)?;
-    if index.is_multiple_of(2) {
-        return Ok((start, false));
-    }
-    let name = ObjectiveName::ALL[index / 2 % 3];
-    let objective = Objective::for_view(name, protocol.view());
+    let separation = rng.random_range(0.2..0.55) * max_separation(dots);
+    let start = random_pattern(dots, separation, &mut rng)?;
     let constraints = Constraints {
         min_separation_rad: separation,
-        min_visible: 4,
+        min_visible: 0,
         seam_margin_rad: 0.0,
         ..Constraints::default()
     };
-    let steps = rng.random_range(2..20);
-    Ok((descend(&start, &objective, &constraints, steps)?, true))
+    let steps = rng.random_range(4..60);
+    match index % KINDS.len() {
+        2 => {
+            let suiting: Vec<ObjectiveName> = ObjectiveName::ALL
+                .into_iter()
+                .filter(|name| name.suits(dots))
+                .collect();
+            let name = suiting[index / KINDS.len() % suiting.len()];
+            let objective = Objective::for_views(name, &[*protocol.view()], dots)?;
+            descend(&start, &objective, &constraints, steps)
+        }
+        3 => descend(&start, &Charges, &constraints, steps),
+        _ => Ok(start),
+    }
 }
 
-fn row(index: usize, trials: u64) -> Result<Row> {
-    let protocol = Protocol::standard(ProtocolName::Sparse);
-    let (pattern, descended) = pattern(index, &protocol)?;
+fn row(index: usize, dots: usize, protocol: &Protocol, trials: u64) -> Result<Row> {
+    let pattern = pattern(index, dots, protocol)?;
+    let view = protocol.view();
     let value = |name| -> Result<f64> {
-        let found = Objective::for_view(name, protocol.view()).evaluate_at(pattern.dots())?;
-        Ok(found.value)
+        let objective = Objective::for_views(name, &[*view], dots)?;
+        Ok(objective.evaluate_at(pattern.dots())?.value)
+    };
+    let few = TooFewDots::of_view(view, dots)?
+        .sharpened()
+        .evaluate(pattern.dots());
+    let likeness = match dots <= confusion::MAX_DOTS {
+        true => Confusion::default().evaluate(pattern.dots()).value,
+        false => f64::NAN,
     };
     let values = [
         value(ObjectiveName::MeanNn)?,
         value(ObjectiveName::WhitenedNn)?,
-        value(ObjectiveName::Confusion)?,
-        pattern.summary().min_separation_rad.to_degrees(),
+        likeness,
+        few.value,
+        few.value + likeness / 2.0,
+        few.value + likeness / 6.0,
     ];
     let config = ValidationConfig {
         recognizer: RecognizerName::Robust,
-        protocol,
+        protocol: *protocol,
         seed: TRIAL_SEED,
         samples: trials,
     };
     let found = config.run(&Ball::new(pattern), &|_| {})?;
     Ok(Row {
         values,
-        failures: 1.0 - found.validation.identity.rate,
-        descended,
+        failures: 1.0 - found.validation.answered.rate,
+        kind: index % KINDS.len(),
     })
 }
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Folder of the plots.
-    #[arg(long, default_value = "docs")]
-    out: PathBuf,
+    /// Folder of scatter plots.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Numbers of dots.
+    #[arg(long, num_args = 1.., default_values_t = [12, 16, 20])]
+    dots: Vec<usize>,
+    /// Protocols.
+    #[arg(long, num_args = 1.., value_parser = str::parse::<ProtocolName>, default_values = ["sparse", "image", "clutter"])]
+    protocols: Vec<ProtocolName>,
+    /// Size of the protocol's noise over its usual size: with many dots hardly a view fails without more.
+    #[arg(long, default_value_t = 1.0)]
+    noise: f64,
     /// Patterns.
-    #[arg(long, default_value_t = 300)]
+    #[arg(long, default_value_t = 32)]
     patterns: usize,
     /// Trials of a pattern.
     #[arg(long, default_value_t = 20_000)]
-    trials: usize,
+    trials: u64,
 }
 
 impl Args {
     pub fn run(&self) -> Outcome {
-        let (dir, count, trials) = (&self.out, self.patterns, self.trials);
-        let rows: Result<Vec<Row>> = (0..count)
-            .into_par_iter()
-            .map(|index| row(index, trials as u64))
-            .collect();
-        let rows = rows?;
         println!(
-            "{count} patterns (seed {PATTERN_SEED}), {trials} trials each (seed {TRIAL_SEED})"
+            "{} patterns (seed {PATTERN_SEED} + dots), {} trials each (seed {TRIAL_SEED})",
+            self.patterns, self.trials
         );
-        let headings = ["patterns", "number"].into_iter().chain(NAMES);
+        let headings = ["dots", "protocol", "failures %"].into_iter().chain(NAMES);
         let table = Table::new(headings);
-        let report = |name: &str, is: &dyn Fn(&Row) -> bool| {
-            let some: Vec<&Row> = rows.iter().filter(|r| is(r)).collect();
-            let failures: Vec<f64> = some.iter().map(|r| r.failures).collect();
-            let cells = [0, 1, 2, 3].map(|k: usize| {
-                let values: Vec<f64> = some.iter().map(|r| r.values[k]).collect();
-                correlation(&values, &failures)
-            });
-            row!(table; name, some.len(); cells);
-        };
-        report("all", &|_| true);
-        report("random", &|r| !r.descended);
-        report("descended", &|r| r.descended);
-        let descended: Vec<&Row> = rows.iter().filter(|r| r.descended).collect();
-        let middle = median(&descended, |r| r.failures);
-        report("descended, better half", &|r| {
-            r.descended && r.failures < middle
-        });
-        for (k, value) in NAMES.iter().enumerate() {
-            let series =
-                [("random", false), ("after some descent", true)].map(|(name, kind)| LineSeries {
-                    name: name.into(),
-                    points: rows
-                        .iter()
-                        .filter(|r| r.descended == kind)
-                        .map(|r| (r.values[k], 100.0 * r.failures))
-                        .collect(),
+        for &dots in &self.dots {
+            for &name in &self.protocols {
+                let standard = Protocol::standard(name);
+                let sigma_rad = self.noise * standard.view().noise.sigma_rad();
+                let protocol = standard.with_sigma_rad(sigma_rad);
+                let rows: Result<Vec<Row>> = (0..self.patterns)
+                    .into_par_iter()
+                    .map(|index| row(index, dots, &protocol, self.trials))
+                    .collect();
+                let rows = rows?;
+                let failures: Vec<f64> = rows.iter().map(|r| r.failures).collect();
+                let worst = failures.iter().copied().fold(0.0, f64::max);
+                let best = failures.iter().copied().fold(1.0, f64::min);
+                let range = format!("{:.2} to {:.2}", 100.0 * best, 100.0 * worst);
+                let cells = [0, 1, 2, 3, 4, 5].map(|k: usize| {
+                    let values: Vec<f64> = rows.iter().map(|r| r.values[k]).collect();
+                    correlation(&values, &failures)
                 });
-            let path = dir.join(format!("objective_{}.png", value.replace(' ', "_")));
+                row!(table; dots, name, range; cells);
+                self.plot(&rows, dots, name)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn plot(&self, rows: &[Row], dots: usize, protocol: ProtocolName) -> Result<()> {
+        let Some(dir) = &self.out else { return Ok(()) };
+        for (k, value) in NAMES
+            .iter()
+            .enumerate()
+            .filter(|(k, _)| [0, 1, 4].contains(k))
+        {
+            let series = [1, 2, 3].map(|kind| LineSeries {
+                name: KINDS[kind].into(),
+                points: rows
+                    .iter()
+                    .filter(|r| r.kind.max(1) == kind)
+                    .map(|r| (r.values[k], 100.0 * r.failures))
+                    .collect(),
+            });
+            let path = dir.join(format!("objective_{value}.png"));
             scatter_plot(
                 &path,
                 &ScatterPlot {
-                    title: format!("Does {value} predict failures? {count} patterns of 20 dots"),
+                    title: format!(
+                        "Does {value} predict failures? {} patterns of {dots} dots",
+                        rows.len()
+                    ),
                     x_label: (*value).into(),
-                    y_label: format!("failures, sparse protocol, of {trials} [%]"),
+                    y_label: format!("failures, {protocol} protocol, all views [%]"),
                     series: series.to_vec(),
                 },
             )?;

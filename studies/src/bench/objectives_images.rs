@@ -23,7 +23,7 @@ use spindoe::Pattern;
 use spindoe::camera::{CameraConditions, CameraTrials, FrameOutcome, coverage};
 use spindoe::design::constraints::max_separation;
 use spindoe::design::descent::descend;
-use spindoe::design::objective::Coverage;
+use spindoe::design::objective::TooFewDots;
 use spindoe::design::{Constraints, Objective, ObjectiveName};
 use spindoe::geometry::Vec3;
 use spindoe::pattern::random_pattern;
@@ -84,7 +84,7 @@ fn pattern(dots: usize, index: usize) -> Outcome<(Pattern, bool)> {
         return Ok((start, false));
     }
     let name = DESCENTS[index / 2 % DESCENTS.len()];
-    let objective = Objective::for_view(name, &ProtocolName::Image.view());
+    let objective = Objective::for_views(name, &[ProtocolName::Image.view()], dots)?;
     let constraints = Constraints {
         min_separation_rad: separation,
         min_visible: 4,
@@ -194,7 +194,7 @@ impl Args {
                 .collect();
             let mut values = Vec::new();
             for name in ObjectiveName::ALL.into_iter().filter(|n| n.suits(dots)) {
-                let objective = Objective::for_view(name, &view);
+                let objective = Objective::for_views(name, &[view], dots)?;
                 let all = places
                     .par_iter()
                     .map(|dots| Ok(objective.evaluate_at(dots)?.value));
@@ -204,13 +204,13 @@ impl Args {
                 ));
             }
             let camera = coverage(&conditions(dots), dots, &|_| ())?;
-            let without = Coverage {
+            let without = TooFewDots {
                 crowding: 0.0,
                 ..camera
             };
             for (name, o) in [("of the camera", camera), ("without crowds", without)] {
                 let all = places.par_iter().map(|dots| o.evaluate(dots).value);
-                values.push((format!("`coverage` {name}"), all.collect()));
+                values.push((format!("too few {name}"), all.collect()));
             }
             let failures = |group: &[usize], of: &dyn Fn(&Row) -> f64| -> Vec<f64> {
                 group.iter().map(|&i| of(&rows[i])).collect()

@@ -25,6 +25,7 @@ use spindoe::design::objective::MeanNearestNeighbor;
 use spindoe::design::search::feasible::Charges;
 use spindoe::design::{Constraints, Objective, OrientationBound};
 use spindoe::pattern::{Pattern, random_pattern};
+use spindoe::recognize::ORIENTATION_FAILURE_RAD;
 use spindoe::recognize::RecognizerName;
 use spindoe::validate::{TrialResult, ValidationConfig};
 use spindoe::view::{Protocol, ProtocolName};
@@ -86,51 +87,39 @@ struct Column {
     title: &'static str,
     recognizer: RecognizerName,
     protocol: Protocol,
-    orientation: bool,
 }
 
 fn columns() -> Vec<Column> {
-    let column = |title, recognizer, name, orientation| Column {
+    let column = |title, recognizer, name| Column {
         title,
         recognizer,
         protocol: Protocol::standard(name),
-        orientation,
     };
     let (robust, paper) = (RecognizerName::Robust, RecognizerName::Paper);
-    let mut noisy = column("`paper` at 8 deg", robust, ProtocolName::Paper, false);
+    let mut noisy = column("`paper` at 8 deg", robust, ProtocolName::Paper);
     noisy.protocol = noisy.protocol.with_sigma_rad(8f64.to_radians());
     vec![
-        column("`sparse`", robust, ProtocolName::Sparse, false),
-        column(
-            "`clutter`, orientation",
-            robust,
-            ProtocolName::Clutter,
-            true,
-        ),
+        column("`sparse`", robust, ProtocolName::Sparse),
+        column("`clutter`", robust, ProtocolName::Clutter),
         noisy,
         column(
             "`paper`, the paper's recognizer",
             paper,
             ProtocolName::Paper,
-            false,
         ),
         column(
             "`sparse`, the paper's recognizer",
             paper,
             ProtocolName::Sparse,
-            false,
         ),
     ]
 }
 
 fn failed(result: &TrialResult) -> bool {
-    matches!(
-        result,
-        TrialResult::Judged {
-            identity: false,
-            ..
-        }
-    )
+    match result {
+        TrialResult::Skipped => true,
+        TrialResult::Judged { error_rad, .. } => *error_rad >= ORIENTATION_FAILURE_RAD,
+    }
 }
 
 /// Failures of the first for each of the second, with the 95 % interval.
@@ -199,11 +188,7 @@ impl Args {
                 };
                 let results = config.results(&ball, &|_| {})?;
                 let found = config.summary(&ball, &results).validation;
-                cells.push(if column.orientation {
-                    found.orientation
-                } else {
-                    found.identity
-                });
+                cells.push(found.answered);
                 // Of the first column, which is `sparse`.
                 if failures.is_none() {
                     failures = Some(ratio(

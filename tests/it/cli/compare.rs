@@ -97,7 +97,7 @@ fn the_command_compares_on_the_same_trials() {
         // The third is the first again: the same successes, and no difference, which the first has by
         // definition and the third by its trials.
         assert_eq!(three[0]["identity"], three[2]["identity"]);
-        for key in ["identity_difference", "orientation_difference"] {
+        for key in ["identity_difference", "answered_difference"] {
             assert_eq!(three[0][key]["high"], 0.0);
             assert_eq!(three[2][key]["difference"], 0.0);
             assert!(three[2][key]["low"].as_f64() < Some(0.0));

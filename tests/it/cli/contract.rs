@@ -402,6 +402,12 @@ fn validate_prints_the_agreed_json_and_repeats_itself() {
             assert!(found[success]["low"].as_f64().unwrap() <= rate);
             assert!(found[success]["high"].as_f64().unwrap() >= rate);
         }
+        // The rate that comes first is of all views.
+        assert_eq!(found["answered"]["trials"], 200);
+        assert_eq!(
+            found["answered"]["successes"],
+            found["orientation"]["successes"]
+        );
         assert!(found["us_per_identification"].as_f64().unwrap() > 0.0);
         assert!(found["median_error_deg"].as_f64().unwrap() > 0.0);
         // The table leads to the same trials and answers as the pattern that it was made from.

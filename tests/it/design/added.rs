@@ -4,7 +4,9 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::Value;
 use spindoe::design::descent::descend;
-use spindoe::design::{Constraints, DesignRequest, KeepOut, Objective, SearchState, design};
+use spindoe::design::{
+    Constraints, DesignRequest, DesignViews, KeepOut, Objective, SearchState, design,
+};
 use spindoe::geometry::{Vec3, angle_between};
 use spindoe::pattern::Pattern;
 use spindoe::stats::Proportion;
@@ -33,7 +35,7 @@ fn right(pattern: &Pattern, seed: u64, samples: u64) -> Proportion {
     let trials = config.trials(pattern);
     let recognizer = RobustRecognizer::new(pattern, trials.view.into()).unwrap();
     let found = trials.run(&recognizer, &|_| {}).unwrap();
-    Validation::of(&found, ProtocolName::Clutter, &trials).answered_right()
+    Validation::of(&found, ProtocolName::Clutter, &trials).answered
 }
 
 /// Asserts that dots from number `drawn` on keep their separation from all others.
@@ -94,7 +96,7 @@ fn added_dots_raise_the_share_of_right_views() {
         scout_steps: 6,
         climb_steps: 20,
         samples: 300,
-        protocol: ProtocolName::Clutter,
+        protocol: DesignViews::Clutter,
         ..DesignRequest::default()
     };
     let config = request.config().unwrap();

@@ -5,7 +5,6 @@ use nalgebra::Matrix3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::design::objective::Confusion;
-use spindoe::design::{Objective, ObjectiveName};
 use spindoe::geometry::{Vec3, random_direction, spiral_directions, tangent_frame};
 use spindoe::view::{Noise, ProtocolName, ViewModel};
 
@@ -27,10 +26,7 @@ fn views() -> Vec<(String, ViewModel)> {
 }
 
 fn confusion(view: &ViewModel) -> Confusion {
-    match Objective::for_view(ObjectiveName::Confusion, view) {
-        Objective::Confusion(confusion) => confusion,
-        other => panic!("{other:?}"),
-    }
+    Confusion::of_view(view)
 }
 
 /// Random dots, of which the last lies at this angle from the first.

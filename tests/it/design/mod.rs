@@ -2,12 +2,12 @@
 
 mod added;
 mod confusion;
-mod coverage;
 mod dot_set;
 mod objectives;
 mod orientation_bound;
 mod search;
 mod shard;
+mod too_few;
 
 use spindoe::geometry::Vec3;
 

@@ -13,9 +13,9 @@ use spindoe::geometry::{
 use spindoe::pattern::Pattern;
 use spindoe::view::ProtocolName;
 
-fn objectives() -> [Objective; 4] {
-    let view = ProtocolName::Sparse.view();
-    ObjectiveName::ALL.map(|name| Objective::for_view(name, &view))
+fn objectives() -> [Objective; 3] {
+    let views = [ProtocolName::Sparse.view(), ProtocolName::Image.view()];
+    ObjectiveName::ALL.map(|name| Objective::for_views(name, &views, 14).unwrap())
 }
 
 fn at(coordinates: &[f64]) -> Vec<Vec3> {
@@ -81,7 +81,7 @@ fn no_objective_changes_when_the_ball_turns() {
     for objective in objectives() {
         let value = |dots: &[Vec3]| objective.evaluate_at(dots).unwrap().value;
         let (a, b) = (value(pattern.dots()), value(&turned));
-        // Confusion and coverage sample viewing directions, which do not turn along.
+        // The failure rate samples viewing directions, which do not turn along.
         let tolerance = match objective.name() {
             ObjectiveName::Confusion | ObjectiveName::Coverage => 0.02,
             _ => 1e-9,

@@ -1,4 +1,4 @@
-//! The descent: sequential convex programming on the sphere.
+//! Sequential convex programming on the sphere.
 //!
 //! At the dots x with the cost's gradient g (in the tangent planes) and a quasi-Newton matrix B,
 //! the move s solves the convex program
@@ -15,29 +15,26 @@
 //! 18.5). B is updated by Powell's damped BFGS in ambient coordinates, so no transport between
 //! tangent planes is needed; gradients are projected.
 //!
-//! Costs with kinks (nearest neighbors that switch) are supported: the gradient is one of those that
-//! meet there, and the trust region shrinks until the model predicts the cost. The merit never rises.
-//! The descent finds a local minimum; it does not guarantee a global one.
+//! The merit never rises. At kinks of the cost the trust region shrinks until the model predicts it, and on costs
+//! that are all kinks the program gets stuck.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
+use argmin::core::{
+    Executor, IterState, KV, Problem, Solver, TerminationReason, TerminationStatus,
+};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, SupportedConeT,
 };
 use nalgebra::{DMatrix, DVector};
 
-use super::constraints::{Constraints, Row};
-use super::objective::{Evaluation, Objective};
-use crate::error::{Result, require};
+use super::{Cost, Demand, Descent, FIRST_MOVE, Point, RHO, flat, from_argmin, vectors};
+use crate::design::constraints::{Constraints, Row};
+use crate::error::Result;
 use crate::geometry::{Vec3, tangent_frame};
-use crate::pattern::Pattern;
-use crate::stencil::max_margin_seam;
 
-/// Price of a violation (in cosines) against the cost (a logarithm).
-const RHO: f64 = 200.0;
-/// Trust radius, initial and maximum, radians per tangent coordinate.
-const FIRST_RADIUS: f64 = 0.05;
+/// Maximum trust radius, radians per tangent coordinate.
 const MAX_RADIUS: f64 = 0.2;
 /// A trust radius below this ends the descent.
 const MIN_RADIUS: f64 = 1e-5;
@@ -46,97 +43,32 @@ const MIN_RADIUS: f64 = 1e-5;
 const TAKEN: f64 = 0.05;
 const WIDENED: f64 = 0.6;
 
-/// A cost on unit vectors, to be minimized.
-pub trait Cost: Sync {
-    /// The cost with its gradient.
-    ///
-    /// # Errors
-    /// Where the dots are not finite.
-    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation>;
-}
-
-impl Cost for Objective {
-    fn cost(&self, dots: &[Vec3]) -> Result<Evaluation> {
-        Self::cost(self, dots)
-    }
-}
-
-/// The dots and the seam's normal, with the cost there.
-#[derive(Debug, Clone)]
-struct Point {
-    vectors: Vec<Vec3>,
-    cost: f64,
-    violation: f64,
-    /// Projected on the tangent planes; zero for the normal.
-    gradient: Vec<Vec3>,
-}
-
-impl Point {
-    fn merit(&self) -> f64 {
-        self.cost + RHO * self.violation
-    }
-}
-
-struct Demand<'a, C: Cost> {
-    cost: &'a C,
-    constraints: &'a Constraints,
-}
-
-impl<C: Cost> Demand<'_, C> {
-    fn at(&self, vectors: Vec<Vec3>) -> Result<Point> {
-        let n = vectors.len() - 1;
-        let found = self.cost.cost(&vectors[..n])?;
-        let mut gradient: Vec<Vec3> = vectors
-            .iter()
-            .zip(&found.gradient)
-            .map(|(d, g)| g - d * d.dot(g))
-            .collect();
-        gradient[..self.constraints.drawn].fill(Vec3::zeros());
-        gradient.push(Vec3::zeros());
-        Ok(Point {
-            violation: self.constraints.violation(&vectors),
-            cost: found.value,
-            gradient,
-            vectors,
-        })
-    }
-}
-
 /// The state of a descent: the current point, which is the best so far, and the model there.
-struct Iteration<'a, C: Cost> {
-    demand: Demand<'a, C>,
+struct Iteration<'a> {
     at: Point,
     hessian: DMatrix<f64>,
     radius: f64,
+    stop: &'a AtomicBool,
 }
 
-fn flat(vectors: &[Vec3]) -> Vec<f64> {
-    vectors.iter().flat_map(|v| [v.x, v.y, v.z]).collect()
-}
-
-fn vectors(flat: &[f64]) -> Vec<Vec3> {
-    flat.chunks_exact(3).map(Vec3::from_column_slice).collect()
-}
-
-impl<'a, C: Cost> Iteration<'a, C> {
-    fn begin(demand: Demand<'a, C>, vectors: Vec<Vec3>) -> Result<Self> {
-        let at = demand.at(vectors)?;
+impl<'a> Iteration<'a> {
+    fn begin(at: Point, stop: &'a AtomicBool) -> Self {
         let squares = at.gradient.iter().map(Vec3::norm_squared);
         let norm = squares.sum::<f64>().sqrt();
         let size = 3 * at.vectors.len();
         // The first move then is about the trust radius.
-        let scale = (norm / (FIRST_RADIUS * (size as f64).sqrt())).max(1e-3);
-        Ok(Self {
-            demand,
+        let scale = (norm / (FIRST_MOVE * (size as f64).sqrt())).max(1e-3);
+        Self {
             at,
             hessian: DMatrix::identity(size, size) * scale,
-            radius: FIRST_RADIUS,
-        })
+            radius: FIRST_MOVE,
+            stop,
+        }
     }
 
     /// Solves one convex program, and takes its move where that lowers the merit as predicted.
-    fn step(&mut self) -> Result<()> {
-        let constraints = self.demand.constraints;
+    fn step<C: Cost>(&mut self, demand: &Demand<'_, C>) -> Result<()> {
+        let constraints = demand.constraints;
         let Some(step) = Move::solve(&self.at, &self.hessian, self.radius, constraints) else {
             self.radius *= 0.3;
             return Ok(());
@@ -144,9 +76,7 @@ impl<'a, C: Cost> Iteration<'a, C> {
         let (drawn, free) = self.at.vectors.split_at(constraints.drawn);
         let moved = free.iter().zip(&step.moves[drawn.len()..]);
         let moved = moved.map(|(v, m)| (v + m).normalize());
-        let there = self
-            .demand
-            .at(drawn.iter().copied().chain(moved).collect())?;
+        let there = demand.at(drawn.iter().copied().chain(moved).collect())?;
         let kept = (self.at.merit() - there.merit()) / step.promised.max(1e-15);
         self.update(&there);
         self.radius = if kept > WIDENED {
@@ -182,6 +112,50 @@ impl<'a, C: Cost> Iteration<'a, C> {
         self.hessian.ger(-1.0 / s_b_s, &b_s, &b_s, 1.0);
         self.hessian.ger(1.0 / s.dot(&r), &r, &r, 1.0);
     }
+}
+
+/// What argmin keeps of it: the vectors' coordinates, and the merit.
+type ProgramState = IterState<Vec<f64>, (), (), (), (), f64>;
+
+impl<C: Cost> Solver<&Demand<'_, C>, ProgramState> for Iteration<'_> {
+    fn name(&self) -> &str {
+        "sequential convex programming"
+    }
+
+    fn next_iter(
+        &mut self,
+        problem: &mut Problem<&Demand<'_, C>>,
+        state: ProgramState,
+    ) -> std::result::Result<(ProgramState, Option<KV>), argmin::core::Error> {
+        problem.problem("evaluations", |demand| Ok(self.step(demand)?))?;
+        let state = state.param(flat(&self.at.vectors)).cost(self.at.merit());
+        Ok((state, None))
+    }
+
+    fn terminate(&mut self, _: &ProgramState) -> TerminationStatus {
+        if Descent::is_stopped(self.stop) {
+            TerminationStatus::Terminated(TerminationReason::Interrupt)
+        } else if self.radius < MIN_RADIUS {
+            TerminationStatus::Terminated(TerminationReason::SolverConverged)
+        } else {
+            TerminationStatus::NotTerminated
+        }
+    }
+}
+
+/// Lowers the merit from `start` by at most `steps` convex programs, or until `stop`.
+pub(super) fn run<C: Cost>(
+    demand: &Demand<'_, C>,
+    start: Point,
+    steps: u64,
+    stop: &AtomicBool,
+) -> Result<Point> {
+    let found = Executor::new(demand, Iteration::begin(start, stop))
+        .configure(|state: ProgramState| state.max_iters(steps))
+        .ctrlc(false)
+        .run()
+        .map_err(from_argmin)?;
+    Ok(found.solver.at)
 }
 
 /// A solution of the convex program.
@@ -317,69 +291,5 @@ impl Program {
             SolverStatus::Solved | SolverStatus::AlmostSolved
         )
         .then(|| solver.solution.x)
-    }
-}
-
-/// Extent of a descent.
-#[derive(Debug, Clone, Copy)]
-pub struct Descent<'a> {
-    /// Maximum number of convex programs.
-    pub steps: u64,
-    /// Ends the descent after the current step when set; the best point so far is its result.
-    pub stop: &'a AtomicBool,
-}
-
-/// A stop that is never set.
-static NEVER: AtomicBool = AtomicBool::new(false);
-
-impl Descent<'static> {
-    /// A descent of at most `steps` steps without a stop.
-    pub fn of_steps(steps: u64) -> Self {
-        Self {
-            steps,
-            stop: &NEVER,
-        }
-    }
-}
-
-/// Lowers the cost of a pattern under the constraints, by at most `steps` convex programs.
-///
-/// # Errors
-/// As [`Descent::run`].
-pub fn descend<C: Cost>(
-    start: &Pattern,
-    cost: &C,
-    constraints: &Constraints,
-    steps: u64,
-) -> Result<Pattern> {
-    Descent::of_steps(steps).run(start, cost, constraints)
-}
-
-impl Descent<'_> {
-    /// Lowers the cost of a pattern under the constraints.
-    ///
-    /// # Errors
-    /// Those of the cost; [`crate::Error::Argument`] where more dots are drawn than there are.
-    pub fn run<C: Cost>(
-        &self,
-        start: &Pattern,
-        cost: &C,
-        constraints: &Constraints,
-    ) -> Result<Pattern> {
-        let drawn = constraints.drawn;
-        let expected = format!("at most {}", start.len());
-        require(drawn <= start.len(), "drawn", &expected, drawn)?;
-        let mut x = start.dots().to_vec();
-        x.push(max_margin_seam(start.dots()).normal);
-        let mut iteration = Iteration::begin(Demand { cost, constraints }, x)?;
-        for _ in 0..self.steps {
-            if iteration.radius < MIN_RADIUS || self.stop.load(Ordering::Relaxed) {
-                break;
-            }
-            iteration.step()?;
-        }
-        let mut dots = iteration.at.vectors;
-        dots.truncate(start.len());
-        Pattern::new(dots)
     }
 }
