@@ -3,14 +3,14 @@
 use nalgebra::Matrix3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
+use spindoe::clip::{
+    BallEstimate, BallsEstimator, BallsWorkspace, Strobe, StrobeHypothesis, missing_balls,
+    number_balls,
+};
 use spindoe::geometry::CameraFrame;
 use spindoe::image::{ImageView, RawPixel};
 use spindoe::spin::SpinRejection;
 use spindoe::spin::robust::SpinConfig;
-use spindoe::vision::estimator::{
-    BallEstimate, BallsEstimator, BallsWorkspace, Strobe, StrobeHypothesis, missing_balls,
-    number_balls,
-};
 use spindoe::vision::{Budget, NamedDetector};
 
 use crate::arrays::square;

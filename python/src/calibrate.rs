@@ -5,18 +5,15 @@ use std::path::PathBuf;
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
-use spindoe::Pattern;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::{CalibrationConfig, calibrate};
+use spindoe::clip::{BatchConfig, FrameClock, SequenceOutcome, TimeSource, estimate_inputs};
 use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
 };
-use spindoe::vision::estimator::{
-    BatchConfig, FrameClock, SequenceOutcome, TimeSource, estimate_inputs,
-};
 use spindoe::vision::{FrameEstimate, NamedDetector, OutlinePrior};
-use spindoe::{Estimator, Vec3};
+use spindoe::{Estimator, Pattern, Vec3};
 
 use crate::arrays::{blocks3, rows, square, vector};
 use crate::errors::{Answer, OrRaise, value_error};

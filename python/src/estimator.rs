@@ -11,6 +11,10 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::CalibrationConfig;
+use spindoe::clip::{
+    ImageWork, NamedFrame, SequenceConfig, SequenceSmears, SequenceSummary, TrackerConfig,
+    estimate_passes, orientations,
+};
 use spindoe::geometry::{CameraFrame, tangent_frame};
 use spindoe::image::RawPixel;
 use spindoe::report::calibration::CalibrationEvaluationConfig;
@@ -18,13 +22,11 @@ use spindoe::spin::alias::SpinEvidence;
 use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::robust::SpinConfig;
-use spindoe::vision::detector::NamedWorkspace;
-use spindoe::vision::estimator::{
-    CameraDistance, CameraModel, EstimatorWorkspace, ImageWork, NamedFrame, SequenceConfig,
-    SequenceSmears, SequenceSummary, TrackerConfig, estimate_passes, orientations,
-};
+use spindoe::vision::dots::detector::NamedWorkspace;
+use spindoe::vision::dots::net::CnnConfig;
+use spindoe::vision::estimator::EstimatorWorkspace;
+use spindoe::vision::frame::{CameraDistance, CameraModel};
 use spindoe::vision::net::Weights;
-use spindoe::vision::net::detector::CnnConfig;
 use spindoe::vision::{
     BallCircle, Budget, Camera, CnnDetector, DetectorName, EstimatorConfig, FrameEstimate,
     Intrinsics, Lens, NamedDetector, OutlinePrior, Pixel, Prior,
@@ -500,7 +502,7 @@ impl Estimator {
             memory_s,
             max_latency,
         };
-        let inner = spindoe::vision::estimator::Tracker::new(Arc::clone(&self.inner), config);
+        let inner = spindoe::clip::Tracker::new(Arc::clone(&self.inner), config);
         Ok(Tracker {
             state: Mutex::new((inner.or_raise()?, Buffers::default())),
             frame: self.frame(),
@@ -570,7 +572,7 @@ pub fn check_times(times: &[f64], images: usize) -> PyResult<()> {
 }
 
 /// The tracker with the memory of its images.
-type TrackerState = (spindoe::vision::estimator::Tracker<NamedDetector>, Buffers);
+type TrackerState = (spindoe::clip::Tracker<NamedDetector>, Buffers);
 
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Tracker {

@@ -3,8 +3,8 @@
 use crate::ball::Ball;
 use crate::concurrency;
 use crate::error::Result;
-use crate::vision::detect::NoDetector;
-use crate::vision::estimator::EstimatorConfig;
+use crate::vision::dots::detect::NoDetector;
+use crate::vision::frame::config::EstimatorConfig;
 use crate::vision::{Estimator, FrameEstimate};
 
 /// Frames handled by one task: a workspace serves them all.

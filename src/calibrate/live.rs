@@ -14,7 +14,7 @@ use super::unknown::{
 use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::image::Picture;
-use crate::vision::detect::DotDetector;
+use crate::vision::dots::detect::DotDetector;
 use crate::vision::estimator::EstimatorWorkspace;
 use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate, Prior};

@@ -2,14 +2,14 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::clip::sequence::{SequenceConfig, estimate_sequence, estimate_spin};
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between};
 use crate::image::ImageView;
 use crate::stats::{Proportion, quantile};
 use crate::synth::dataset::Sequence;
 use crate::vision::Estimator;
-use crate::vision::detect::DotDetector;
-use crate::vision::estimator::{SequenceConfig, estimate_sequence, estimate_spin};
+use crate::vision::dots::detect::DotDetector;
 
 /// A spin vector off by less than this part of its magnitude is right (SpinDOE Sec. IV-C).
 pub const SPIN_TOLERANCE: f64 = 0.2;

@@ -7,13 +7,15 @@ use clap::Args;
 
 use super::output::one_of;
 use crate::ball::Ball;
+use crate::clip::batch::FrameClock;
+use crate::clip::frame_table::{self, FrameCircles};
 use crate::error::{Error, Result};
 use crate::image::Roi;
 use crate::source::files;
-use crate::vision::estimator::{CameraModel, FrameClock, OutlineMethod, OutlinePrior};
-use crate::vision::frame_table::{self, FrameCircles};
+use crate::vision::dots::net::CnnConfig;
+use crate::vision::frame::config::{CameraModel, OutlineMethod};
+use crate::vision::frame::prior::OutlinePrior;
 use crate::vision::net::Weights;
-use crate::vision::net::detector::CnnConfig;
 use crate::vision::painted::Surface;
 use crate::vision::{
     BallCircle, Camera, CnnDetector, DetectorName, Intrinsics, NamedDetector, Pixel,

@@ -3,6 +3,9 @@
 use std::f64::consts::PI;
 
 use crate::common::{done, random_pattern, spindoe};
+use spindoe::clip::{
+    BallEstimate, BallTracks, BallsEstimator, Strobe, StrobeHypothesis, number_balls,
+};
 use spindoe::geometry::{CameraFrame, Rotation, Vec3};
 use spindoe::pattern::Pattern;
 use spindoe::spin::golf::Flight;
@@ -13,10 +16,8 @@ use spindoe::synth::folder::Truth;
 use spindoe::synth::sensor::Sensor;
 use spindoe::synth::several::StrobeConfig;
 use spindoe::synth::{Scene, SynthConfig};
-use spindoe::vision::camera::{BallCircle, Pixel};
-use spindoe::vision::estimator::{
-    BallEstimate, BallTracks, BallsEstimator, Pose, Strobe, StrobeHypothesis, number_balls,
-};
+use spindoe::vision::frame::Pose;
+use spindoe::vision::optics::camera::{BallCircle, Pixel};
 use spindoe::vision::{
     Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
 };

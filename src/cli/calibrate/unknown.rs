@@ -10,9 +10,9 @@ use crate::calibrate::{
     SurfaceObserver, Survey, UnknownRejection, calibrate_built, matching_design, survey,
 };
 use crate::cli::inputs;
+use crate::clip::batch::{BatchConfig, estimate_inputs};
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;
-use crate::vision::estimator::{BatchConfig, estimate_inputs};
 use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate, NamedDetector};
 

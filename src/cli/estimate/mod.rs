@@ -23,6 +23,12 @@ use super::inputs;
 use super::output::{Counter, one_of};
 use crate::ball::Ball;
 use crate::calibrate::{CalibrationConfig, calibrate};
+use crate::clip::balls::BallEstimate;
+use crate::clip::batch::{
+    Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
+};
+use crate::clip::rolling::SequenceRows;
+use crate::clip::smears::SequenceSmears;
 use crate::error::{Error, Result, require};
 use crate::files;
 use crate::geometry::CameraFrame;
@@ -30,10 +36,7 @@ use crate::image::{DEFAULT_MAX_PIXELS, RgbImage};
 use crate::source::pipe::PipeFormat;
 use crate::spin::estimate::MotionModel;
 use crate::spin::golf::{self, Flight};
-use crate::vision::estimator::{
-    BallEstimate, Batch, BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome,
-    SequenceRows, SequenceSmears, estimate_inputs,
-};
+use crate::vision::frame::config::CameraModel;
 use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
 use output::{Evidence, Report};
 use verdict::Judgment;

@@ -6,12 +6,12 @@ use rayon::prelude::*;
 
 use super::video::VideoWriter;
 use super::{Picture, output};
+use crate::clip::batch::{BatchFrame, TimeSource};
 use crate::error::Result;
 use crate::files::Replacement;
 use crate::image::RgbImage;
 use crate::plot::{self, OverlayFrame, OverlayOutline};
-use crate::vision::camera::BallCircle;
-use crate::vision::estimator::{BatchFrame, TimeSource};
+use crate::vision::optics::camera::BallCircle;
 use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel};
 
 /// Maximum side of a frame that is drawn whole, pixels; larger frames are cropped around the ball.

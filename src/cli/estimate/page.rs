@@ -4,11 +4,11 @@ use std::path::Path;
 
 use super::output::Report;
 use super::{Picture, overlay};
+use crate::clip::batch::Batch;
 use crate::error::Result;
 use crate::files;
 use crate::plot::frame_thumbnail;
 use crate::report::page::EstimatePage;
-use crate::vision::estimator::Batch;
 use crate::vision::{Estimator, NamedDetector};
 
 /// Writes the page of `batch`, with the spin that is reported of it.

@@ -7,14 +7,12 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::Picture;
+use crate::clip::batch::{Batch, BatchConfig, BatchFrame};
+use crate::clip::verdict::{BallHypothesis, FrameScore, Scorer, Verdict, decide, mirrored_pattern};
 use crate::error::Result;
 use crate::recognize::RecognizerRejection;
 use crate::spin::Measurement;
 use crate::spin::robust::RobustEstimator;
-use crate::vision::estimator::{Batch, BatchConfig, BatchFrame};
-use crate::vision::verdict::{
-    BallHypothesis, FrameScore, Scorer, Verdict, decide, mirrored_pattern,
-};
 use crate::vision::{Estimator, FrameEstimate, FrameRejection, NamedDetector};
 
 /// Frames that have a say, spread over the clip.

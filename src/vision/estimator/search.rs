@@ -1,4 +1,4 @@
-//! A frame's way from pixels to an answer: [places](super::propose) are tried, and [outlines](super::locate) at each, the likeliest
+//! A frame's way from pixels to an answer: [places](super::propose) are tried, and [outlines](crate::vision::outline::locate) at each, the likeliest
 //! first, until the dots are clear or the budget is spent.
 //!
 //! Guarantees: outlines and dots are given in the pixels of the whole image, whatever part of it was
@@ -6,22 +6,20 @@
 
 use std::time::Instant;
 
-use super::crop::Crop;
-use super::frame::Standing;
-use super::identify::Detections;
-use super::locate::{Candidate, Shape};
-use super::prior::{Budget, OutlinePrior, Prior, Spending};
-use super::propose::{Place, Proposal};
-use super::{
-    CLEAR, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, PROMISING, Pose,
-    is_mirrored,
-};
+use super::propose::Proposal;
+use super::{Estimator, EstimatorWorkspace};
 use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;
-use crate::vision::camera::BallCircle;
-use crate::vision::circle::NoBall;
-use crate::vision::detect::{DotDetector, LIKELY_DOT};
-use crate::vision::grid::Grid;
+use crate::vision::dots::detect::{DotDetector, LIKELY_DOT};
+use crate::vision::frame::estimate::{FrameEstimate, FrameRejection, Pose, Standing, is_mirrored};
+use crate::vision::frame::prior::{Budget, OutlinePrior, Prior, Spending};
+use crate::vision::optics::camera::BallCircle;
+use crate::vision::optics::crop::Crop;
+use crate::vision::optics::grid::Grid;
+use crate::vision::outline::circle::NoBall;
+use crate::vision::outline::locate::{Candidate, Shape};
+use crate::vision::outline::place::Place;
+use crate::vision::pose::identify::{CLEAR, Detections, PROMISING};
 
 /// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
 const MIN_LIKELY_DOTS: usize = 5;
@@ -33,7 +31,7 @@ const CERTAIN: f64 = 0.99;
 
 /// The images that a frame is converted into; their memory is reused.
 #[derive(Debug, Default)]
-pub(super) struct Images {
+pub(crate) struct Images {
     /// A part of the frame, or the frame itself where it came as bytes.
     part_gray: GrayImage,
     part_color: RgbImage,
@@ -58,7 +56,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// As [`Estimator::estimate`], where the outline of the prior is worth so much before its dots are seen.
-    pub(super) fn estimate_standing(
+    pub(crate) fn estimate_standing(
         &self,
         image: ImageView<'_>,
         prior: &Prior,
@@ -136,7 +134,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// Hands a part of a frame, halved so often, to `work`, converted. The workspace's images are away meanwhile.
-    pub(super) fn viewed(
+    pub(crate) fn viewed(
         &self,
         image: ImageView<'_>,
         part: &Roi,
@@ -396,9 +394,9 @@ fn is_nearer(there: &FrameEstimate, so_far: &FrameEstimate, standing: Standing) 
 }
 
 /// Whether the dots alone are evidence of a ball, where the circle is none: by the recognizer's own probability,
-/// which leaves it to [`TrustMap`](super::TrustMap) what an accepted pose is worth; where all places were
+/// which leaves it to [`TrustMap`](crate::vision::pose::trust::TrustMap) what an accepted pose is worth; where all places were
 /// weighed, there is no other than the map's.
-pub(super) fn is_evident(frame: &FrameEstimate) -> bool {
+pub(crate) fn is_evident(frame: &FrameEstimate) -> bool {
     let last = frame.hypotheses().next_back().map(|h| &h.evidence);
     let of_dots = |pose: &Pose| match last {
         Some(evidence) if evidence.is_of_detections() => evidence.confidence,

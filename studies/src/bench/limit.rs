@@ -19,7 +19,7 @@ use spindoe::image::GrayImage;
 use spindoe::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Frame, FrameTruth, independent_frame};
-use spindoe::vision::estimator::CameraModel;
+use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{
     BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
     NamedDetector, OutlinePrior, Prior,

@@ -12,8 +12,8 @@ use spindoe::camera::FrameOutcome;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Frame, FrameTruth};
+use spindoe::vision::dots::net::CnnConfig;
 use spindoe::vision::net::Weights;
-use spindoe::vision::net::detector::CnnConfig;
 use spindoe::vision::{
     BallCircle, Budget, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
     NamedDetector, OutlinePrior, Prior,

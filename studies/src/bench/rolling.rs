@@ -12,6 +12,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spindoe::camera::FrameOutcome;
+use spindoe::clip::{
+    NamedFrame, SequenceConfig, SequenceRows, estimate_sequence, orientations, seen_times,
+};
 use spindoe::geometry::{CameraFrame, Vec3, random_direction};
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
@@ -20,10 +23,7 @@ use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Frame, FrameTruth, Sequence};
-use spindoe::vision::estimator::CameraModel;
-use spindoe::vision::estimator::{
-    NamedFrame, SequenceConfig, SequenceRows, estimate_sequence, orientations, seen_times,
-};
+use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
 use spindoe_studies::frames::DOTS20;
 use spindoe_studies::score::{bins, median, rates, share};

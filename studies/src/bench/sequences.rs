@@ -8,12 +8,12 @@
 
 use rayon::prelude::*;
 use spindoe::camera::FrameOutcome;
+use spindoe::clip::{ImageWork, SequenceConfig, held_images, second_pass};
 use spindoe::geometry::Rotation;
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence};
-use spindoe::vision::estimator::{ImageWork, SequenceConfig, held_images, second_pass};
 use spindoe::vision::{Estimator, FrameEstimate, NamedDetector};
 use spindoe_studies::frames::{DOTS20, all_conditions, alone, estimator, good_conditions};
 use spindoe_studies::score::{RATES, rates};

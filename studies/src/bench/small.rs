@@ -12,11 +12,11 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::ORIENTATION_FAILURE_RAD;
-use spindoe::vision::estimator::{PoseEvidence, WHOLE_FEATURES};
+use spindoe::vision::pose::{PoseEvidence, WHOLE_FEATURES};
 use spindoe::vision::{
-    BallCircle, Budget, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior, Prior,
+    BallCircle, Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector,
+    OutlinePrior, Prior,
 };
-use spindoe::vision::{DetectorName, NamedDetector};
 use spindoe_studies::frames::{DOTS20, all_conditions, alone, each, good_conditions, outcome};
 use spindoe_studies::score::{Claim, RATES, bins, claimed, rates};
 use spindoe_studies::table::{Table, figure};

@@ -6,11 +6,12 @@
 use cpu_time::ThreadTime;
 use rayon::prelude::*;
 use spindoe::camera::{ExposureOutcome, ExposureRates, ExposureTrials};
+use spindoe::clip::BallsEstimator;
 use spindoe::geometry::CameraFrame;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::Frame;
-use spindoe::vision::estimator::{BallsEstimator, CameraDistance, CameraModel};
+use spindoe::vision::frame::{CameraDistance, CameraModel};
 use spindoe::vision::{
     Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
 };

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use spindoe::clip::{Tracker, TrackerConfig};
 use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
-use spindoe::vision::estimator::{Tracker, TrackerConfig};
 use spindoe::vision::{
     Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, NamedDetector,
     Prior,

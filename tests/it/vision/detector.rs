@@ -6,10 +6,10 @@ use std::process::Command;
 use spindoe::stats::Proportion;
 use spindoe::synth::dataset::frame_rng;
 use spindoe::synth::{Rendering, Scene, SynthConfig};
-use spindoe::vision::net::detector::CnnConfig;
+use spindoe::vision::dots::net::{CnnConfig, CnnDetector};
+use spindoe::vision::dots::patch::Patch;
 use spindoe::vision::net::graph::Head;
-use spindoe::vision::net::{CnnDetector, Weights, onnx};
-use spindoe::vision::patch::Patch;
+use spindoe::vision::net::{Weights, onnx};
 use spindoe::vision::{
     Budget, DotDetection, DotDetector, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior,
     Prior,

@@ -3,16 +3,16 @@
 use std::f64::consts::TAU;
 
 use spindoe::Pattern;
+use spindoe::clip::{
+    NamedFrame, SequenceConfig, SequenceRows, estimate_sequence, orientations, seen_times,
+};
 use spindoe::geometry::{CameraFrame, Vec3};
 use spindoe::image::ImageView;
 use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Frame, Sequence};
-use spindoe::vision::estimator::{
-    CameraModel, NamedFrame, SequenceConfig, SequenceRows, estimate_sequence, orientations,
-    seen_times,
-};
+use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
 
 const ROWS: usize = 480;

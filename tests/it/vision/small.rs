@@ -1,10 +1,10 @@
 //! Balls of 12 to 20 pixels, matched as a whole, against the renderer's truth.
 
+use spindoe::clip::{SequenceConfig, estimate_sequence};
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
 use spindoe::synth::{SynthConfig, SynthKind};
-use spindoe::vision::estimator::{SequenceConfig, estimate_sequence};
 use spindoe::vision::{
     Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
 };

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use spindoe::clip::{Tracker, TrackerConfig};
 use spindoe::geometry::{Vec3, rotation_angle};
 use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
@@ -10,7 +11,6 @@ use spindoe::spin::shared::SharedError;
 use spindoe::spin::{Measurement, SpinRejection};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence};
-use spindoe::vision::estimator::{Tracker, TrackerConfig};
 use spindoe::vision::{Camera, DetectorName, Estimator, EstimatorConfig, NamedDetector};
 
 const SPIN: Vec3 = Vec3::new(40.0, 150.0, -60.0);

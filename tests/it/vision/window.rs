@@ -3,14 +3,14 @@
 
 use std::sync::Arc;
 
+use spindoe::clip::{
+    SequenceConfig, Tracker, TrackerConfig, frames_in_doubt, held_images, second_pass,
+};
 use spindoe::image::{ImageView, RawImage, RawPixel, RgbImage, Roi};
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, FrameTruth, Sequence};
-use spindoe::vision::estimator::{
-    OutlineSource, SequenceConfig, Tracker, TrackerConfig, frames_in_doubt, held_images,
-    second_pass,
-};
+use spindoe::vision::frame::OutlineSource;
 use spindoe::vision::{
     BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
     FrameRejection, Intrinsics, NamedDetector, OutlinePrior, Pixel, Prior,

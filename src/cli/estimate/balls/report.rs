@@ -5,8 +5,13 @@ use serde_json::{Value, json};
 #[cfg(feature = "plot")]
 use crate::cli::estimate::overlay;
 use crate::cli::estimate::{Arguments, Picture, output};
-use crate::cli::inputs;
-use crate::cli::spin_summary;
+use crate::cli::{inputs, spin_summary};
+use crate::clip::ball_tracks::number_balls;
+use crate::clip::balls::BallEstimate;
+use crate::clip::balls_batch::BallsBatch;
+use crate::clip::orientations;
+use crate::clip::orientations::NamedFrame;
+use crate::clip::strobe::{Strobe, StrobeHypothesis};
 use crate::error::Result;
 use crate::files::csv::shown;
 use crate::geometry::CameraFrame;
@@ -17,12 +22,9 @@ use crate::spin::orientations::{OrientationRow, OrientationWriter};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::spin::{Fit, SpinRejection};
-use crate::vision::estimator::{
-    BallEstimate, BallsBatch, NamedFrame, Strobe, StrobeHypothesis, number_balls, orientations,
-};
 
 #[cfg(feature = "plot")]
-use crate::vision::estimator::TimeSource;
+use crate::clip::batch::TimeSource;
 #[cfg(feature = "plot")]
 use crate::vision::{Estimator, NamedDetector};
 

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use rayon::prelude::*;
+use spindoe::clip::verdict::{
+    BallHypothesis, FrameScore, Scorer, Verdict, decide, mirrored_pattern,
+};
 use spindoe::pattern::Pattern;
 use spindoe::stats::Proportion;
 use spindoe::synth::dataset::{Frame, independent_frame};
-use spindoe::vision::verdict::{
-    BallHypothesis, FrameScore, Scorer, Verdict, decide, mirrored_pattern,
-};
 use spindoe::vision::{Estimator, NamedDetector};
 use spindoe_studies::frames::{alone, estimator, good_conditions, name_of};
 use spindoe_studies::score::share;
