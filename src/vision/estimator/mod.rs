@@ -34,7 +34,7 @@
 //!
 //! # What is promised
 //! A frame is answered where the pose's probability is at least [`EstimatorConfig::min_confidence`], else
-//! it has a [`FrameRejection`]: nothing is guessed. The same image gives the same answer whatever was seen before, but for the
+//! it has a [`FrameRejection`](crate::vision::FrameRejection): nothing is guessed. The same image gives the same answer whatever was seen before, but for the
 //! hint that one may give. After the first frames of a size, the estimator allocates nothing.
 //!
 //! Orientations map the pattern's frame to the camera's (x right, y up, z towards the camera).

@@ -60,7 +60,7 @@ pub struct PoseEvidence {
     pub misfit: f64,
 }
 
-/// What the cells of the detector's map say of a pose ([`super::dense`]).
+/// What the cells of the detector's map say of a pose (`pose::dense`).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DenseEvidence {
     /// The sum of its terms.
