@@ -12,7 +12,7 @@ use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
 };
-use spindoe::vision::{FrameEstimate, NamedDetector, OutlinePrior};
+use spindoe::vision::{FrameEstimate, OutlinePrior};
 use spindoe::{Estimator, Pattern, Vec3};
 
 use crate::arrays::{blocks3, rows, square, vector};
@@ -62,7 +62,7 @@ pub struct Clip {
 /// The frames of files, as the command reads them.
 pub fn read_clip(
     py: Python<'_>,
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     paths: &[PathBuf],
     outline: Option<OutlinePrior>,
     fps: Option<f64>,

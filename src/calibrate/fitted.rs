@@ -3,7 +3,7 @@
 use super::bundle::FrameView;
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::FrameEstimate;
-use crate::vision::dots::detect::LIKELY_DOT;
+use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::frame::config::CameraModel;
 
 /// A frame with its orientation.

@@ -3,7 +3,7 @@
 use crate::ball::Ball;
 use crate::concurrency;
 use crate::error::Result;
-use crate::vision::dots::detect::NoDetector;
+use crate::vision::dots::detector::DotDetector;
 use crate::vision::frame::config::EstimatorConfig;
 use crate::vision::{Estimator, FrameEstimate};
 
@@ -19,7 +19,7 @@ pub fn identify_frames(
     config: &EstimatorConfig,
     frames: &[FrameEstimate],
 ) -> Result<Vec<FrameEstimate>> {
-    let estimator = Estimator::for_ball(ball, *config, NoDetector)?;
+    let estimator = Estimator::for_ball(ball, *config, DotDetector::Given)?;
     let chunks: Vec<&[FrameEstimate]> = frames.chunks(CHUNK).collect();
     let done = concurrency::map(&chunks, |chunk| {
         let mut workspace = estimator.workspace();

@@ -23,7 +23,7 @@ use super::strobe::Strobe;
 use super::verdict::{MAX_LEAD, Scorer};
 use crate::error::{Result, require};
 use crate::image::{ImageView, Roi};
-use crate::vision::dots::detect::{DotDetector, LIKELY_DOT};
+use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::estimator::search::is_evident;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::estimate::{FrameEstimate, Standing};
@@ -77,26 +77,26 @@ impl BallEstimate {
 
 /// Estimates all balls of a frame: one estimator for each table that they may carry.
 #[derive(Debug, Clone)]
-pub struct BallsEstimator<D> {
-    estimators: Vec<Estimator<D>>,
+pub struct BallsEstimator {
+    estimators: Vec<Estimator>,
     count: Option<usize>,
 }
 
 /// Working memory of a [`BallsEstimator`], one a thread.
-pub struct BallsWorkspace<'a, D: DotDetector> {
+pub struct BallsWorkspace<'a> {
     finder: BallFinder,
     circles: Vec<BallFit>,
-    workspaces: Vec<EstimatorWorkspace<D::Workspace>>,
+    workspaces: Vec<EstimatorWorkspace>,
     /// One for each table; none where there is one.
-    scorers: Vec<Scorer<'a, D>>,
+    scorers: Vec<Scorer<'a>>,
 }
 
-impl<D: DotDetector> BallsEstimator<D> {
+impl BallsEstimator {
     /// For balls that carry one of these estimators' patterns: so many in a frame, or as many as there are.
     ///
     /// # Errors
     /// [`crate::Error::Argument`] without an estimator, or for a number out of its domain.
-    pub fn new(estimators: Vec<Estimator<D>>, count: Option<usize>) -> Result<Self> {
+    pub fn new(estimators: Vec<Estimator>, count: Option<usize>) -> Result<Self> {
         require(!estimators.is_empty(), "table", "at least one", 0)?;
         let found = count.unwrap_or(1);
         let inside = (1..=MAX_BALLS).contains(&found);
@@ -105,7 +105,7 @@ impl<D: DotDetector> BallsEstimator<D> {
     }
 
     /// One for each table.
-    pub fn estimators(&self) -> &[Estimator<D>] {
+    pub fn estimators(&self) -> &[Estimator] {
         &self.estimators
     }
 
@@ -113,7 +113,7 @@ impl<D: DotDetector> BallsEstimator<D> {
     ///
     /// # Errors
     /// [`crate::Error::Argument`] for a setting outside its domain.
-    pub fn workspace(&self) -> Result<BallsWorkspace<'_, D>> {
+    pub fn workspace(&self) -> Result<BallsWorkspace<'_>> {
         let scorers = match &self.estimators[..] {
             [_] => Vec::new(),
             several => several.iter().map(Scorer::new).collect::<Result<_>>()?,
@@ -134,7 +134,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         region: Option<Roi>,
         expected: &[BallCircle],
         budget: &Budget,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
     ) -> Vec<BallEstimate> {
         let image = image.into();
         let mut found = Found {
@@ -182,7 +182,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         region: Option<Roi>,
         strobe: &Strobe,
         budget: &Budget,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
     ) -> Vec<BallEstimate> {
         let image = image.into();
         let balls = self.estimate(image, region, &[], budget, ws);
@@ -200,7 +200,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         image: ImageView<'_>,
         balls: &mut [BallEstimate],
         budget: &Budget,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
     ) {
         let ln = |ball: &BallEstimate, table: usize| ball.tables[table].ln().max(-MAX_LEAD);
         let all = 0..self.estimators.len();
@@ -233,7 +233,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         balls: Vec<BallEstimate>,
         expected: &[BallCircle],
         budget: &Budget,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
     ) -> Vec<BallEstimate> {
         let (balls, rejected) = balls.into_iter().partition(|b| b.frame.pose().is_some());
         let mut found = Found {
@@ -252,7 +252,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         expected: &[BallCircle],
         budget: &Budget,
         found: &mut Found,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
     ) {
         for circle in expected {
             if !found.is_full() && found.is_free(circle) {
@@ -272,7 +272,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         image: ImageView<'_>,
         budget: &Budget,
         found: &mut Found,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
     ) {
         for ball in found.rejected.clone() {
             if found.is_full() {
@@ -323,7 +323,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         image: ImageView<'_>,
         region: Option<Roi>,
         budget: &Budget,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
     ) -> BallEstimate {
         let prior = Prior {
             region,
@@ -371,7 +371,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         outline: OutlinePrior,
         standing: Standing,
         budget: &Budget,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
     ) -> BallEstimate {
         let mut frame = FrameEstimate::default();
         if ws.scorers.is_empty() {
@@ -395,7 +395,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         table: usize,
         (outline, standing): (OutlinePrior, Standing),
         budget: &Budget,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
         frame: &mut FrameEstimate,
     ) {
         let prior = Prior {
@@ -413,7 +413,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         table: usize,
         frame: FrameEstimate,
         budget: &Budget,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
     ) -> BallEstimate {
         if ws.scorers.is_empty() {
             return BallEstimate {
@@ -455,7 +455,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         image: ImageView<'_>,
         outline: OutlinePrior,
         budget: &Budget,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
     ) -> BallEstimate {
         let likely = (outline, Standing::Likely);
         let mut frames = Vec::with_capacity(self.estimators.len());
@@ -495,7 +495,7 @@ impl<D: DotDetector> BallsEstimator<D> {
         image: ImageView<'_>,
         region: Option<Roi>,
         found: &Found,
-        ws: &mut BallsWorkspace<'_, D>,
+        ws: &mut BallsWorkspace<'_>,
     ) {
         let (width, height) = (image.width(), image.height());
         let whole = Roi::whole(width, height);

@@ -18,7 +18,6 @@ use crate::image::Picture;
 use crate::pipeline::Sink;
 use crate::source::files::{self, SkippedFiles, Source};
 use crate::source::{Frame, SourceEnd};
-use crate::vision::dots::detect::DotDetector;
 use crate::vision::optics::camera::BallCircle;
 
 /// A frame and its balls.
@@ -63,8 +62,8 @@ impl<K> BallsBatch<K> {
 ///
 /// # Errors
 /// [`Error::Read`] and [`Error::Input`] for inputs without a frame that can be read, or times that the frames lack.
-pub fn estimate_ball_inputs<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>>(
-    estimator: &BallsEstimator<D>,
+pub fn estimate_ball_inputs<O: BatchObserver<[BallEstimate]>>(
+    estimator: &BallsEstimator,
     inputs: &[PathBuf],
     config: &BatchConfig,
     strobe: Option<&Strobe>,
@@ -128,24 +127,24 @@ pub fn estimate_ball_inputs<D: DotDetector + Sync, O: BatchObserver<[BallEstimat
 }
 
 /// What a pass over the frames needs.
-struct Pass<'a, D: DotDetector, O> {
-    estimator: &'a BallsEstimator<D>,
+struct Pass<'a, O> {
+    estimator: &'a BallsEstimator,
     config: &'a BatchConfig,
     strobe: Option<&'a Strobe>,
     observer: &'a O,
 }
 
-impl<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>> Pass<'_, D, O> {
+impl<O: BatchObserver<[BallEstimate]>> Pass<'_, O> {
     /// Works on the frames of the sources on all cores; what comes of it is taken in their order.
     fn read<T: Send>(
         &self,
         sources: &[&Source],
-        work: impl Fn(usize, Frame, &mut BallsWorkspace<'_, D>) -> Result<T> + Sync,
+        work: impl Fn(usize, Frame, &mut BallsWorkspace<'_>) -> Result<T> + Sync,
         take: impl FnMut(T),
     ) -> Result<Vec<(usize, SourceEnd)>> {
         // What forbids a workspace is known here; one of each thread is made there.
         self.estimator.workspace()?;
-        let work = |number, frame, ws: &mut Option<BallsWorkspace<'_, D>>| match ws {
+        let work = |number, frame, ws: &mut Option<BallsWorkspace<'_>>| match ws {
             Some(ws) => work(number, frame, ws),
             None => Err(Error::Internal("a workspace of balls".into())),
         };
@@ -161,7 +160,7 @@ impl<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>> Pass<'_, D, O> {
     }
 
     /// A frame that is estimated alone, and why it cannot be read.
-    fn alone(&self, frame: Frame, ws: &mut BallsWorkspace<'_, D>) -> Alone<O::Kept> {
+    fn alone(&self, frame: Frame, ws: &mut BallsWorkspace<'_>) -> Alone<O::Kept> {
         let mut done = BatchFrame {
             name: frame.name,
             path: frame.path,
@@ -222,7 +221,7 @@ impl<D: DotDetector + Sync, O: BatchObserver<[BallEstimate]>> Pass<'_, D, O> {
             .map(|(k, _)| k)
             .collect();
         let (read, numbers) = sources_with(sources, &wanted);
-        let again = |at: usize, frame: Frame, ws: &mut BallsWorkspace<'_, D>| {
+        let again = |at: usize, frame: Frame, ws: &mut BallsWorkspace<'_>| {
             let number = numbers.get(at).copied();
             let number = number.filter(|k| wanted.binary_search(k).is_ok());
             let (Some(k), Ok(picture)) = (number, frame.picture) else {

@@ -20,7 +20,6 @@ use crate::source::files::{self, SkippedFiles, Source};
 use crate::source::video::VideoClock;
 use crate::source::{Frame, FrameSource, SourceEnd};
 use crate::spin::{Fit, SpinRejection};
-use crate::vision::dots::detect::DotDetector;
 use crate::vision::estimator::propose::MAX_THOROUGH;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
@@ -272,14 +271,13 @@ impl<K> Batch<K> {
     ///
     /// # Errors
     /// [`crate::Error::Read`] where a file can no longer be read; those of the observer.
-    pub fn estimate_again<D, O>(
+    pub fn estimate_again<O>(
         &mut self,
-        estimator: &Estimator<D>,
+        estimator: &Estimator,
         config: &BatchConfig,
         observer: &O,
     ) -> Result<()>
     where
-        D: DotDetector + Sync,
         O: BatchObserver<Kept = K>,
         K: Send,
     {
@@ -299,14 +297,13 @@ impl<K> Batch<K> {
 /// # Errors
 /// [`crate::Error::Read`] and [`crate::Error::Input`] of an input or of the table of times; those of
 /// the observer.
-pub fn estimate_inputs<D, O>(
-    estimator: &Estimator<D>,
+pub fn estimate_inputs<O>(
+    estimator: &Estimator,
     inputs: &[PathBuf],
     config: &BatchConfig,
     observer: &O,
 ) -> Result<Batch<O::Kept>>
 where
-    D: DotDetector + Sync,
     O: BatchObserver,
 {
     let listed = files::list_sources(inputs)?;
@@ -322,7 +319,7 @@ where
         first_error: None,
         observer,
     };
-    let work = |_, frame, ws: &mut EstimatorWorkspace<D::Workspace>| job.run(frame, ws);
+    let work = |_, frame, ws: &mut EstimatorWorkspace| job.run(frame, ws);
     let read = job.read_all(&sources, work, &mut collected)?;
     let Collected {
         mut frames,
@@ -364,8 +361,8 @@ where
 }
 
 /// What a thread needs to estimate a frame.
-struct FrameJob<'a, D, O> {
-    estimator: &'a Estimator<D>,
+struct FrameJob<'a, O> {
+    estimator: &'a Estimator,
     config: &'a BatchConfig,
     observer: &'a O,
     /// Held by the one thread that works on the colors of a large picture.
@@ -375,22 +372,18 @@ struct FrameJob<'a, D, O> {
 /// A frame and the error by which it is unreadable.
 type Estimated<K> = Result<(BatchFrame<K>, Option<Error>)>;
 
-impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
+impl<O: BatchObserver> FrameJob<'_, O> {
     fn read_all<T: Send>(
         &self,
         sources: &[&Source],
-        work: impl Fn(usize, Frame, &mut EstimatorWorkspace<D::Workspace>) -> Result<T> + Sync,
+        work: impl Fn(usize, Frame, &mut EstimatorWorkspace) -> Result<T> + Sync,
         sink: &mut impl Sink<Result<T>, Error = Error>,
     ) -> Result<Vec<(usize, SourceEnd)>> {
         let new_workspace = || self.estimator.workspace();
         read_all(sources, self.config.max_pixels, new_workspace, work, sink)
     }
 
-    fn run(
-        &self,
-        frame: Frame,
-        workspace: &mut EstimatorWorkspace<D::Workspace>,
-    ) -> Estimated<O::Kept> {
+    fn run(&self, frame: Frame, workspace: &mut EstimatorWorkspace) -> Estimated<O::Kept> {
         let mut done = BatchFrame {
             name: frame.name,
             path: frame.path,
@@ -494,11 +487,11 @@ impl<D: DotDetector + Sync, O: BatchObserver> FrameJob<'_, D, O> {
         &self,
         sources: &[(Source, usize)],
         wanted: &[usize],
-        work: &ImageWork<'_, D::Workspace>,
+        work: &ImageWork<'_>,
         frames: &mut [BatchFrame<O::Kept>],
     ) -> Result<Vec<(usize, FrameEstimate)>> {
         let (read, numbers) = sources_with(sources, wanted);
-        let again = |at: usize, frame: Frame, ws: &mut EstimatorWorkspace<D::Workspace>| {
+        let again = |at: usize, frame: Frame, ws: &mut EstimatorWorkspace| {
             let number = numbers.get(at).copied();
             let number = number.filter(|k| wanted.binary_search(k).is_ok());
             let (Some(k), Ok(picture)) = (number, frame.picture) else {

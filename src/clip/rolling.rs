@@ -25,7 +25,6 @@ use super::smears::{independent, velocity};
 use crate::geometry::{CameraFrame, Rotation, Vec3};
 use crate::spin::alias::SpinEvidence;
 use crate::spin::estimate::{MotionModel, SpinEstimate};
-use crate::vision::dots::detect::DotDetector;
 use crate::vision::estimator::Estimator;
 use crate::vision::frame::estimate::FrameEstimate;
 use crate::vision::optics::camera::{BallCircle, Pixel};
@@ -83,17 +82,17 @@ struct Moving<'a> {
 }
 
 /// The rows of a sequence's frames as evidence for its spin.
-pub struct SequenceRows<'a, D> {
-    estimator: &'a Estimator<D>,
+pub struct SequenceRows<'a> {
+    estimator: &'a Estimator,
     row_s: f64,
     frames: Vec<Moving<'a>>,
 }
 
-impl<'a, D: DotDetector> SequenceRows<'a, D> {
+impl<'a> SequenceRows<'a> {
     /// Of frames with the times at which their balls are seen ([`seen_times`]); spins are in `axes`, as those of
     /// [`orientations`]. `None` for a global shutter.
     pub fn new(
-        estimator: &'a Estimator<D>,
+        estimator: &'a Estimator,
         row_s: f64,
         named: &[NamedFrame<'a>],
         axes: CameraFrame,
@@ -120,7 +119,7 @@ impl<'a, D: DotDetector> SequenceRows<'a, D> {
     }
 }
 
-impl<D: DotDetector> SpinEvidence for SequenceRows<'_, D> {
+impl SpinEvidence for SequenceRows<'_> {
     fn ln_likelihood(&self, spin: &Vec3) -> f64 {
         let one = |moving: &Moving<'_>| {
             let cost = self.estimator.misfit_at_once(moving, spin, self.row_s);
@@ -130,7 +129,7 @@ impl<D: DotDetector> SpinEvidence for SequenceRows<'_, D> {
     }
 }
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// The frame with its dots where they are seen at the time of the ball's center, and what is known before they are fitted.
     fn at_once(
         &self,
@@ -197,8 +196,8 @@ impl<D: DotDetector> Estimator<D> {
 
 /// Corrects the poses of a sequence for a rolling shutter, by the spin that orientations and rows say together; dots stay where they
 /// are seen. `times_s` are the times at which the balls are seen ([`seen_times`]). Where there is no spin, nothing changes.
-pub(crate) fn correct_rows<D: DotDetector>(
-    estimator: &Estimator<D>,
+pub(crate) fn correct_rows(
+    estimator: &Estimator,
     config: &SequenceConfig,
     times_s: &[f64],
     frames: &mut [FrameEstimate],
@@ -208,8 +207,8 @@ pub(crate) fn correct_rows<D: DotDetector>(
     }
 }
 
-fn correct_once<D: DotDetector>(
-    estimator: &Estimator<D>,
+fn correct_once(
+    estimator: &Estimator,
     config: &SequenceConfig,
     times_s: &[f64],
     frames: &mut [FrameEstimate],

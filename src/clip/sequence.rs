@@ -22,7 +22,6 @@ use crate::image::ImageView;
 use crate::recognize::Hint;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
 use crate::spin::{Fit, Measurement, SpinRejection};
-use crate::vision::dots::detect::DotDetector;
 use crate::vision::estimator::search::is_evident;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
@@ -210,14 +209,14 @@ impl FrameInDoubt {
     }
 }
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// Estimates a frame in doubt again, by its neighbors; `None` where `before` stands.
     pub fn estimate_again<'a>(
         &self,
         image: impl Into<ImageView<'a>>,
         doubt: &FrameInDoubt,
         before: &FrameEstimate,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
     ) -> Option<FrameEstimate> {
         let mut again = FrameEstimate::default();
         let budget = Budget {
@@ -233,8 +232,8 @@ impl<D: DotDetector> Estimator<D> {
 }
 
 /// What is done with an image of a sequence, by its number; `None` where that changes nothing.
-pub type ImageWork<'a, W> =
-    dyn Fn(usize, ImageView<'_>, &mut EstimatorWorkspace<W>) -> Option<FrameEstimate> + Sync + 'a;
+pub type ImageWork<'a> =
+    dyn Fn(usize, ImageView<'_>, &mut EstimatorWorkspace) -> Option<FrameEstimate> + Sync + 'a;
 
 /// What comes of the work on images, with their numbers, or why they cannot be had.
 pub type ImageResults<E> = Result<Vec<(usize, FrameEstimate)>, E>;
@@ -245,17 +244,17 @@ pub type ImageResults<E> = Result<Vec<(usize, FrameEstimate)>, E>;
 ///
 /// # Errors
 /// Those of `on_images`.
-pub fn estimate_passes<D: DotDetector, E>(
-    estimator: &Estimator<D>,
+pub fn estimate_passes<E>(
+    estimator: &Estimator,
     config: &SequenceConfig,
     prior: &Prior,
     count: usize,
     times_s: Option<&[f64]>,
-    mut on_images: impl FnMut(&[usize], &ImageWork<'_, D::Workspace>) -> ImageResults<E>,
+    mut on_images: impl FnMut(&[usize], &ImageWork<'_>) -> ImageResults<E>,
 ) -> Result<(Vec<FrameEstimate>, SequenceSummary), E> {
     let mut frames = vec![FrameEstimate::default(); count];
     let all: Vec<usize> = (0..count).collect();
-    let alone = |_: usize, image: ImageView<'_>, ws: &mut EstimatorWorkspace<D::Workspace>| {
+    let alone = |_: usize, image: ImageView<'_>, ws: &mut EstimatorWorkspace| {
         let mut out = FrameEstimate::default();
         estimator.estimate(image, prior, &Budget::default(), ws, &mut out);
         Some(out)
@@ -272,12 +271,12 @@ pub fn estimate_passes<D: DotDetector, E>(
 ///
 /// # Errors
 /// Those of `on_images`; then the frames are as far as it has come.
-pub fn second_pass<D: DotDetector, E>(
-    estimator: &Estimator<D>,
+pub fn second_pass<E>(
+    estimator: &Estimator,
     config: &SequenceConfig,
     times_s: &[f64],
     frames: &mut [FrameEstimate],
-    mut on_images: impl FnMut(&[usize], &ImageWork<'_, D::Workspace>) -> ImageResults<E>,
+    mut on_images: impl FnMut(&[usize], &ImageWork<'_>) -> ImageResults<E>,
 ) -> Result<SequenceSummary, E> {
     let answered = |frames: &[FrameEstimate]| frames.iter().filter(|f| f.pose().is_some()).count();
     let alone = answered(frames);
@@ -294,7 +293,7 @@ pub fn second_pass<D: DotDetector, E>(
         }
         let numbers: Vec<usize> = doubts.iter().map(|d| d.frame).collect();
         let before = &*frames;
-        let again = |k: usize, image: ImageView<'_>, ws: &mut EstimatorWorkspace<D::Workspace>| {
+        let again = |k: usize, image: ImageView<'_>, ws: &mut EstimatorWorkspace| {
             let doubt = &doubts[numbers.binary_search(&k).ok()?];
             estimator.estimate_again(image, doubt, &before[k], ws)
         };
@@ -311,10 +310,10 @@ pub fn second_pass<D: DotDetector, E>(
 }
 
 /// The work on images that are all at hand, on all cores: for [`estimate_passes`] and [`second_pass`].
-pub fn held_images<'a, D: DotDetector + Sync>(
-    estimator: &'a Estimator<D>,
+pub fn held_images<'a>(
+    estimator: &'a Estimator,
     images: &'a [ImageView<'a>],
-) -> impl FnMut(&[usize], &ImageWork<'_, D::Workspace>) -> ImageResults<Infallible> {
+) -> impl FnMut(&[usize], &ImageWork<'_>) -> ImageResults<Infallible> {
     |numbers, work| {
         let chunks: Vec<_> = numbers.chunks(CHUNK).collect();
         let found = concurrency::map(&chunks, |chunk| {
@@ -328,8 +327,8 @@ pub fn held_images<'a, D: DotDetector + Sync>(
 
 /// Estimates the frames of one sequence whose images are all at hand, in both passes, on all cores. `times_s` are in seconds, one an
 /// image, each later than the one before.
-pub fn estimate_sequence<D: DotDetector + Sync>(
-    estimator: &Estimator<D>,
+pub fn estimate_sequence(
+    estimator: &Estimator,
     config: &SequenceConfig,
     times_s: &[f64],
     images: &[ImageView<'_>],

@@ -15,7 +15,6 @@ use super::orientations::NamedFrame;
 use crate::geometry::{CameraFrame, Rotation, Vec3};
 use crate::spin::alias::SpinEvidence;
 use crate::stats::median;
-use crate::vision::dots::detect::DotDetector;
 use crate::vision::dots::smear::{DotBlur, Smear, UnmeasuredDots};
 use crate::vision::estimator::Estimator;
 use crate::vision::frame::estimate::FrameEstimate;
@@ -33,7 +32,7 @@ const CLEAR: f64 = 5.0;
 /// Smaller turns, radians, are clear where they seem larger: their length is not compared.
 const MIN_COMPARED: f64 = 0.09;
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// How the dots of a frame with a pose are smeared, whose ball moved by `shift` pixels while the shutter was open; `None` where
     /// no blur is measured ([`EstimatorConfig::measures_blur`](crate::vision::frame::config::EstimatorConfig::measures_blur)), or of fewer than three dots.
     pub fn smear(&self, frame: &FrameEstimate, shift: Vector2<f64>) -> Option<Smear> {
@@ -70,8 +69,8 @@ pub struct SequenceSmears {
 impl SequenceSmears {
     /// Of the frames that have times, which increase, whose shutter was open for `exposure_s`; spins are in `frame`. `None` where no
     /// frame has a smear: see [`Estimator::smear`].
-    pub fn new<D: DotDetector>(
-        estimator: &Estimator<D>,
+    pub fn new(
+        estimator: &Estimator,
         frames: &[NamedFrame<'_>],
         exposure_s: f64,
         frame: CameraFrame,

@@ -33,7 +33,6 @@ use crate::recognize::Hint;
 use crate::spin::robust::RobustEstimator;
 use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
-use crate::vision::dots::detect::DotDetector;
 use crate::vision::estimator::propose::NEARBY;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::config::CameraDistance;
@@ -109,12 +108,12 @@ struct Seen {
 
 /// Follows one ball through the frames of a camera.
 #[derive(Debug)]
-pub struct Tracker<D: DotDetector> {
-    estimator: Arc<Estimator<D>>,
+pub struct Tracker {
+    estimator: Arc<Estimator>,
     config: TrackerConfig,
     /// Where the ball is looked for, if not everywhere.
     roi: Option<Roi>,
-    workspace: EstimatorWorkspace<D::Workspace>,
+    workspace: EstimatorWorkspace,
     fitter: RobustEstimator,
     window: VecDeque<Seen>,
     /// The window's orientations in one frame.
@@ -127,12 +126,12 @@ pub struct Tracker<D: DotDetector> {
     last_s: Option<f64>,
 }
 
-impl<D: DotDetector> Tracker<D> {
+impl Tracker {
     /// A tracker that has seen nothing.
     ///
     /// # Errors
     /// [`Error::Argument`] for a setting outside its domain.
-    pub fn new(estimator: Arc<Estimator<D>>, config: TrackerConfig) -> Result<Self> {
+    pub fn new(estimator: Arc<Estimator>, config: TrackerConfig) -> Result<Self> {
         config.check()?;
         // Not while frames come in.
         estimator.dense_matcher();

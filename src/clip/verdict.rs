@@ -29,7 +29,7 @@ use crate::geometry::Vec3;
 use crate::pattern::Pattern;
 use crate::recognize::robust::{RobustRecognizer, RobustWorkspace};
 use crate::view::{DotUncertainty, ObservedDot};
-use crate::vision::dots::detect::{DotDetector, LIKELY_DOT};
+use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::estimate::FrameEstimate;
 
@@ -197,20 +197,20 @@ pub fn mirrored_pattern(pattern: &Pattern) -> Result<Pattern> {
 }
 
 /// Scores frames under one hypothesis.
-pub struct Scorer<'a, D: DotDetector> {
-    estimator: &'a Estimator<D>,
+pub struct Scorer<'a> {
+    estimator: &'a Estimator,
     recognizer: RobustRecognizer,
     workspace: RobustWorkspace,
-    estimation: EstimatorWorkspace<D::Workspace>,
+    estimation: EstimatorWorkspace,
     observed: Vec<ObservedDot>,
 }
 
-impl<'a, D: DotDetector> Scorer<'a, D> {
+impl<'a> Scorer<'a> {
     /// For the estimator of the hypothesis' pattern.
     ///
     /// # Errors
     /// [`crate::Error::Argument`] for a setting outside its domain.
-    pub fn new(estimator: &'a Estimator<D>) -> Result<Self> {
+    pub fn new(estimator: &'a Estimator) -> Result<Self> {
         use crate::recognize::Recognizer as _;
         let config = estimator.config().recognizer;
         let recognizer = RobustRecognizer::new(estimator.pattern(), config)?;

@@ -1,8 +1,8 @@
 //! The estimator on images: from pixels to dots, and from dots to the ball's orientation.
 //!
 //! The pipeline: a [`source`](crate::source) hands out frames. [`circle`](outline::circle) fits the ball's outline. [`patch`](dots::patch) cuts the
-//! ball out at one scale and one brightness, whatever the camera. A detector finds the dots ([`detect`](dots::detect)): the trained
-//! [`net`] or the classical [`blob`](dots::blob), chosen by name in [`detector`](dots::detector). [`camera`](optics::camera) projects the dots onto the sphere with
+//! ball out at one scale and one brightness, whatever the camera. A [`detector`](dots::detector) finds the dots: the trained
+//! [`net`] or the classical [`blob`](dots::blob). [`camera`](optics::camera) projects the dots onto the sphere with
 //! their uncertainty. The recognizer identifies them, and the orientation is refined on the dots that it accepts.
 //! [`estimator`] runs these stages for a frame; a [`clip`](crate::clip) uses its frames as hints for each other, or follows a
 //! camera's frames as they come.
@@ -22,9 +22,8 @@ pub mod outline;
 pub mod painted;
 pub mod pose;
 
-pub use dots::blob::{BlobConfig, BlobDetector};
-pub use dots::detect::{DotDetection, DotDetector};
-pub use dots::detector::{DetectorName, NamedDetector};
+pub use dots::blob::BlobDetector;
+pub use dots::detector::{DetectorName, DotDetection, DotDetector};
 pub use dots::net::CnnDetector;
 pub use dots::patch::Patch;
 pub use estimator::Estimator;

@@ -3,7 +3,7 @@
 use crate::calibrate::bundle::FrameView;
 use crate::geometry::{Rotation, Vec3};
 use crate::recognize::DotUncertainty;
-use crate::vision::dots::detect::LIKELY_DOT;
+use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::outline::Outline;
 use crate::vision::optics::camera::BallView;

@@ -19,7 +19,6 @@ use crate::clip::strobe::Strobe;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::spin::robust::SpinConfig;
-use crate::vision::NamedDetector;
 use crate::vision::frame::config::{CameraDistance, CameraModel};
 use crate::vision::frame::prior::Budget;
 use report::{Report, ball_json, sort_from_left, strobe_json, strobe_numbers};
@@ -120,7 +119,7 @@ fn strobe(arguments: &Arguments) -> Result<Option<Strobe>> {
 
 fn follow_balls(
     arguments: &Arguments,
-    estimator: &BallsEstimator<NamedDetector>,
+    estimator: &BallsEstimator,
     strobe: Option<&Strobe>,
 ) -> Result<()> {
     let shown_in = arguments.frame()?;

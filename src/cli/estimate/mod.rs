@@ -37,7 +37,7 @@ use crate::source::pipe::PipeFormat;
 use crate::spin::estimate::MotionModel;
 use crate::spin::golf::{self, Flight};
 use crate::vision::frame::config::CameraModel;
-use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use crate::vision::{Estimator, EstimatorConfig, FrameEstimate};
 use output::{Evidence, Report};
 use verdict::Judgment;
 
@@ -385,11 +385,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// pattern. A clip that cannot be calibrated keeps the estimates of the first, and that is said.
 fn calibrate_in_place(
     arguments: &Arguments,
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     config: &BatchConfig,
     pictures: &Pictures,
     batch: &mut Batch<Picture>,
-) -> Result<Estimator<NamedDetector>> {
+) -> Result<Estimator> {
     let frames: Vec<FrameEstimate> = batch.frames.iter().map(|f| f.estimate.clone()).collect();
     let times = batch.times_s();
     let settings = CalibrationConfig {
@@ -437,7 +437,7 @@ impl Arguments {
     /// The smears of the frames that have times, for spins in `frame`.
     fn smears(
         &self,
-        estimator: &Estimator<NamedDetector>,
+        estimator: &Estimator,
         frame: CameraFrame,
         batch: &Batch<Picture>,
     ) -> Option<SequenceSmears> {
@@ -446,12 +446,12 @@ impl Arguments {
     }
 
     /// One for each table.
-    fn estimators(&self) -> Result<Vec<Estimator<NamedDetector>>> {
+    fn estimators(&self) -> Result<Vec<Estimator>> {
         let balls = read_balls(&self.table)?;
         balls.iter().map(|ball| self.estimator(ball)).collect()
     }
 
-    fn estimator(&self, ball: &Ball) -> Result<Estimator<NamedDetector>> {
+    fn estimator(&self, ball: &Ball) -> Result<Estimator> {
         if !(0.0..=1.0).contains(&self.min_confidence) {
             let problem = format!("expected 0 to 1, found {}", self.min_confidence);
             return Err(Error::argument("--min-confidence", problem));

@@ -26,7 +26,7 @@ use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::vision::frame::outline::OutlineSource;
-use crate::vision::{FrameEstimate, NamedDetector, OffCenter};
+use crate::vision::{FrameEstimate, OffCenter};
 
 /// Fields of view along the longer side for which a cost is named, degrees: that of a 25 mm lens before a sensor of half an inch,
 /// and that of a phone.
@@ -61,7 +61,7 @@ struct Smeared {
 /// What beside the orientations speaks of the spin.
 pub(super) struct Evidence<'a> {
     pub smears: Option<&'a SequenceSmears>,
-    pub rows: Option<&'a SequenceRows<'a, NamedDetector>>,
+    pub rows: Option<&'a SequenceRows<'a>>,
 }
 
 impl Evidence<'_> {

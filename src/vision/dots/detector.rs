@@ -1,11 +1,28 @@
-//! The detectors by name, as chosen on the command line.
+//! The dot detectors: what they find, and how one is chosen.
 
-use super::blob::{BlobConfig, BlobDetector, BlobWorkspace};
-use super::detect::{DotDetection, DotDetector};
+use nalgebra::Matrix2;
+
+use super::blob::{BlobDetector, BlobWorkspace};
 use super::heat::Heat;
 use super::net::{CnnDetector, CnnWorkspace};
 use super::patch::Patch;
 use crate::error::{Error, Result};
+use crate::vision::optics::camera::Pixel;
+use crate::vision::optics::derived::USUAL_DOUBT;
+
+/// A detection of this probability is more likely a dot than not.
+pub(crate) const LIKELY_DOT: f64 = 0.5;
+
+/// A dot found in an image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DotDetection {
+    /// Its center in the image.
+    pub pixel: Pixel,
+    /// Covariance of the center (u, v), px^2.
+    pub covariance: Matrix2<f64>,
+    /// Probability that it is a dot, in [0, 1].
+    pub probability: f64,
+}
 
 /// A dot detector's name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -33,10 +50,10 @@ impl DetectorName {
     ///
     /// # Errors
     /// [`Error::Internal`] where this crate was built with damaged weights.
-    pub fn build(self) -> Result<NamedDetector> {
+    pub fn build(self) -> Result<DotDetector> {
         Ok(match self {
-            Self::Cnn => NamedDetector::Cnn(CnnDetector::built_in()?),
-            Self::Blob => NamedDetector::Blob(Box::new(BlobDetector::new(BlobConfig::default()))),
+            Self::Cnn => DotDetector::Cnn(CnnDetector::built_in()?),
+            Self::Blob => DotDetector::Blob(Box::new(BlobDetector::new())),
         })
     }
 }
@@ -55,63 +72,56 @@ impl std::fmt::Display for DetectorName {
     }
 }
 
-/// A detector chosen at run time.
+/// A method that finds dots on a ball.
 #[derive(Debug, Clone)]
-pub enum NamedDetector {
+pub enum DotDetector {
     /// See [`CnnDetector`].
     Cnn(CnnDetector),
     /// See [`BlobDetector`].
     Blob(Box<BlobDetector>),
+    /// None: for frames that come with their detections.
+    Given,
 }
 
-/// Working memory of a [`NamedDetector`]. It serves any of them: the buffers of a detector are made
-/// when it is first used with the workspace.
+/// Working memory of any [`DotDetector`]: the buffers of a detector are made when it is first used with the workspace.
 #[derive(Debug, Default)]
-pub struct NamedWorkspace {
+pub struct DetectorWorkspace {
     cnn: Option<CnnWorkspace>,
     blob: Option<Box<BlobWorkspace>>,
 }
 
-impl DotDetector for NamedDetector {
-    type Workspace = NamedWorkspace;
+impl From<CnnDetector> for DotDetector {
+    fn from(detector: CnnDetector) -> Self {
+        Self::Cnn(detector)
+    }
+}
 
-    fn workspace(&self) -> NamedWorkspace {
-        let mut ws = NamedWorkspace::default();
+impl From<BlobDetector> for DotDetector {
+    fn from(detector: BlobDetector) -> Self {
+        Self::Blob(Box::new(detector))
+    }
+}
+
+impl DotDetector {
+    /// A new workspace, with the memory that this detector needs.
+    pub fn workspace(&self) -> DetectorWorkspace {
+        let mut ws = DetectorWorkspace::default();
         match self {
             Self::Cnn(detector) => ws.cnn = Some(detector.workspace()),
             Self::Blob(detector) => ws.blob = Some(Box::new(detector.workspace())),
+            Self::Given => {}
         }
         ws
     }
 
-    fn usual_doubt(&self) -> Option<f64> {
-        match self {
-            Self::Cnn(detector) => detector.usual_doubt(),
-            Self::Blob(detector) => detector.usual_doubt(),
-        }
-    }
-
-    fn looks_again(&self) -> bool {
-        match self {
-            Self::Cnn(detector) => detector.looks_again(),
-            Self::Blob(detector) => detector.looks_again(),
-        }
-    }
-
-    fn look_again_into(
+    /// Finds the dots of a ball and writes them into `out`, the likeliest first. None is an answer too; a detector that exists
+    /// cannot fail.
+    pub fn detect_into(
         &self,
         patch: &Patch,
-        ws: &mut NamedWorkspace,
+        ws: &mut DetectorWorkspace,
         out: &mut Vec<DotDetection>,
-        heat: &mut Heat,
     ) {
-        if let Self::Cnn(detector) = self {
-            let ws = ws.cnn.get_or_insert_with(|| detector.workspace());
-            detector.look_again_into(patch, ws, out, heat);
-        }
-    }
-
-    fn detect_into(&self, patch: &Patch, ws: &mut NamedWorkspace, out: &mut Vec<DotDetection>) {
         match self {
             Self::Cnn(detector) => {
                 let ws = ws.cnn.get_or_insert_with(|| detector.workspace());
@@ -123,6 +133,36 @@ impl DotDetector for NamedDetector {
                     .get_or_insert_with(|| Box::new(detector.workspace()));
                 detector.detect_into(patch, ws, out);
             }
+            Self::Given => out.clear(),
+        }
+    }
+
+    /// Whether there are slower means for a patch that the dots of [`DotDetector::detect_into`] leave in doubt.
+    pub fn looks_again(&self) -> bool {
+        matches!(self, Self::Cnn(detector) if detector.looks_again())
+    }
+
+    /// Finds the dots by those means, and how likely each cell shows one. Without them, all stays as it was.
+    pub fn look_again_into(
+        &self,
+        patch: &Patch,
+        ws: &mut DetectorWorkspace,
+        out: &mut Vec<DotDetection>,
+        heat: &mut Heat,
+    ) {
+        if let Self::Cnn(detector) = self {
+            let ws = ws.cnn.get_or_insert_with(|| detector.workspace());
+            detector.look_again_into(patch, ws, out, heat);
+        }
+    }
+
+    /// Where the probabilities of its detections are none that were fitted on images: the mean of `-ln p` to take for every
+    /// ball's dots. `None` where they are.
+    pub fn usual_doubt(&self) -> Option<f64> {
+        match self {
+            // A contrast is no probability: the net's doubt in the median ball is taken for it.
+            Self::Blob(_) => Some(USUAL_DOUBT),
+            Self::Cnn(_) | Self::Given => None,
         }
     }
 }

@@ -3,7 +3,6 @@
 
 pub mod blob;
 pub(crate) mod cap;
-pub mod detect;
 pub mod detector;
 pub mod heat;
 pub mod net;

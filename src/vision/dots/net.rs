@@ -6,7 +6,7 @@
 
 use nalgebra::Matrix2;
 
-use super::detect::{DotDetection, DotDetector};
+use super::detector::DotDetection;
 use super::heat::Heat;
 use super::patch::Patch;
 use crate::error::{Error, Result};
@@ -20,22 +20,8 @@ const SAME_DOT: f64 = 2.0;
 const MAX_PEAKS: usize = CELLS.div_ceil(2) * CELLS.div_ceil(2);
 /// Bounds of ln a and ln c: standard deviations between 1/50 and 12 of the patch's values.
 const LN_RANGE: [f32; 2] = [-2.5, 4.0];
-
-/// How the net is read.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct CnnConfig {
-    /// Smallest probability of a dot that is given out.
-    pub min_probability: f64,
-}
-
-impl Default for CnnConfig {
-    /// 0.1: whoever uses the dots decides with which probability.
-    fn default() -> Self {
-        Self {
-            min_probability: 0.1,
-        }
-    }
-}
+/// Least probability of a dot that is given out: whoever uses the dots decides with which probability.
+const MIN_PROBABILITY: f64 = 0.1;
 
 /// The dot detector.
 #[derive(Debug, Clone)]
@@ -43,7 +29,6 @@ pub struct CnnDetector {
     first: CalibratedNet,
     /// For patches that the first leaves in doubt.
     second: Option<CalibratedNet>,
-    config: CnnConfig,
 }
 
 /// A net, and how to read its outputs.
@@ -80,7 +65,7 @@ impl CnnDetector {
     /// # Errors
     /// [`Error::Internal`] where this crate was built with damaged weights.
     pub fn built_in() -> Result<Self> {
-        let detector = Self::new(&Weights::built_in(Head::Dots)?, CnnConfig::default())?;
+        let detector = Self::new(&Weights::built_in(Head::Dots)?)?;
         Ok(Self {
             second: Some(CalibratedNet::new(&Weights::built_in(Head::DotsLarge)?)?),
             ..detector
@@ -90,17 +75,11 @@ impl CnnDetector {
     /// A detector with the given weights, and no other for what they leave in doubt.
     ///
     /// # Errors
-    /// [`Error::Argument`] where the weights do not fit the net or the configuration is out of its
-    /// domain.
-    pub fn new(weights: &Weights, config: CnnConfig) -> Result<Self> {
-        if !(0.0..=1.0).contains(&config.min_probability) {
-            let problem = format!("expected 0 to 1, found {}", config.min_probability);
-            return Err(Error::argument("min_probability", problem));
-        }
+    /// [`Error::Argument`] where the weights do not fit the net.
+    pub fn new(weights: &Weights) -> Result<Self> {
         Ok(Self {
             first: CalibratedNet::new(weights)?,
             second: None,
-            config,
         })
     }
 
@@ -118,7 +97,7 @@ impl CnnDetector {
         out: &mut Vec<DotDetection>,
     ) -> &'w [f32] {
         let cells = net.network.forward(patch, activations);
-        find_peaks(cells, &net.calibration, self.config.min_probability, peaks);
+        find_peaks(cells, &net.calibration, MIN_PROBABILITY, peaks);
         let area = patch.step() * patch.step();
         out.clear();
         out.extend(peaks.iter().map(|peak| DotDetection {
@@ -128,12 +107,9 @@ impl CnnDetector {
         }));
         cells
     }
-}
 
-impl DotDetector for CnnDetector {
-    type Workspace = CnnWorkspace;
-
-    fn workspace(&self) -> CnnWorkspace {
+    /// A new workspace.
+    pub fn workspace(&self) -> CnnWorkspace {
         let of = |net: &CalibratedNet| Activations::new(net.network.head());
         CnnWorkspace {
             first: of(&self.first),
@@ -142,15 +118,18 @@ impl DotDetector for CnnDetector {
         }
     }
 
-    fn detect_into(&self, patch: &Patch, ws: &mut CnnWorkspace, out: &mut Vec<DotDetection>) {
+    /// Finds the dots of a ball and writes them into `out`, the likeliest first.
+    pub fn detect_into(&self, patch: &Patch, ws: &mut CnnWorkspace, out: &mut Vec<DotDetection>) {
         self.read(&self.first, patch, &mut ws.first, &mut ws.peaks, out);
     }
 
-    fn looks_again(&self) -> bool {
+    /// Whether there is a second net, for patches that the first leaves in doubt.
+    pub fn looks_again(&self) -> bool {
         self.second.is_some()
     }
 
-    fn look_again_into(
+    /// Finds the dots by the second net, and how likely each cell shows one; without one, all stays as it was.
+    pub fn look_again_into(
         &self,
         patch: &Patch,
         ws: &mut CnnWorkspace,

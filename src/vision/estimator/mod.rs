@@ -47,7 +47,7 @@ use std::sync::OnceLock;
 use nalgebra::Matrix3;
 
 use super::dots::cap::CapFitter;
-use super::dots::detect::{DotDetection, DotDetector};
+use super::dots::detector::{DetectorWorkspace, DotDetection, DotDetector};
 use super::dots::heat::Heat;
 use super::dots::patch::Patch;
 use super::frame::config::{CameraModel, EstimatorConfig};
@@ -74,9 +74,9 @@ use search::Images;
 
 /// The estimator: a pattern, a camera, a detector and the settings of everything between.
 #[derive(Debug, Clone)]
-pub struct Estimator<D> {
+pub struct Estimator {
     pub(crate) ball: Ball,
-    pub(crate) detector: D,
+    pub(crate) detector: DotDetector,
     /// For the likely detections, and for all.
     pub(crate) recognizers: [RobustRecognizer; 2],
     pub(crate) refiner: Refiner,
@@ -91,7 +91,7 @@ pub struct Estimator<D> {
 
 /// Working memory of an [`Estimator`], one a thread.
 #[derive(Debug)]
-pub struct EstimatorWorkspace<W> {
+pub struct EstimatorWorkspace {
     pub(crate) images: Images,
     pub(crate) places: Places,
     /// At a coarse scale; the second for smaller balls.
@@ -110,7 +110,7 @@ pub struct EstimatorWorkspace<W> {
     /// Outlines of other balls over that in hand, pixels of the frame, and whether they add light rather than hide it.
     pub(crate) covers: Vec<BallCircle>,
     pub(crate) covers_add: bool,
-    pub(crate) detector: W,
+    pub(crate) detector: DetectorWorkspace,
     pub(crate) recognizer: RobustWorkspace,
     pub(crate) dense: DenseWorkspace,
     pub(crate) heat: Heat,
@@ -141,12 +141,16 @@ fn measured_dots(dots: &[Vec3], covariances: &[Matrix3<f64>]) -> Vec<Matrix3<f64
     .collect()
 }
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// An estimator for balls with this pattern.
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
-    pub fn new(pattern: &Pattern, config: EstimatorConfig, detector: D) -> Result<Self> {
+    pub fn new(
+        pattern: &Pattern,
+        config: EstimatorConfig,
+        detector: impl Into<DotDetector>,
+    ) -> Result<Self> {
         Self::for_ball(&Ball::new(pattern.clone()), config, detector)
     }
 
@@ -155,8 +159,12 @@ impl<D: DotDetector> Estimator<D> {
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
-    pub fn for_ball(ball: &Ball, config: EstimatorConfig, detector: D) -> Result<Self> {
-        Self::with_net(ball, config, detector, config.outline.net()?)
+    pub fn for_ball(
+        ball: &Ball,
+        config: EstimatorConfig,
+        detector: impl Into<DotDetector>,
+    ) -> Result<Self> {
+        Self::with_net(ball, config, detector.into(), config.outline.net()?)
     }
 
     /// As [`Estimator::for_ball`], with the net for outlines at hand: another ball does not read it
@@ -164,7 +172,7 @@ impl<D: DotDetector> Estimator<D> {
     pub(crate) fn with_net(
         ball: &Ball,
         config: EstimatorConfig,
-        detector: D,
+        detector: DotDetector,
         outline_net: Option<OutlineNet>,
     ) -> Result<Self> {
         config.check()?;
@@ -206,10 +214,7 @@ impl<D: DotDetector> Estimator<D> {
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
-    pub fn for_pattern(&self, pattern: &Pattern) -> Result<Self>
-    where
-        D: Clone,
-    {
+    pub fn for_pattern(&self, pattern: &Pattern) -> Result<Self> {
         let (detector, net) = (self.detector.clone(), self.outline_net.clone());
         Self::with_net(&Ball::new(pattern.clone()), self.config, detector, net)
     }
@@ -230,7 +235,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// A new workspace.
-    pub fn workspace(&self) -> EstimatorWorkspace<D::Workspace> {
+    pub fn workspace(&self) -> EstimatorWorkspace {
         EstimatorWorkspace {
             images: Images::default(),
             places: Places::default(),

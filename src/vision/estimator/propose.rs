@@ -18,7 +18,6 @@ use std::time::Instant;
 
 use super::{Estimator, EstimatorWorkspace};
 use crate::image::{ImageView, Roi};
-use crate::vision::dots::detect::DotDetector;
 use crate::vision::frame::estimate::{FrameEstimate, Standing};
 use crate::vision::frame::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
 use crate::vision::optics::camera::BallCircle;
@@ -297,14 +296,14 @@ impl Places {
     }
 }
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// The next place to try; `so_far` is the best of those before.
     pub(crate) fn next_place(
         &self,
         image: &ImageView<'_>,
         so_far: &FrameEstimate,
         places: &mut Places,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
     ) -> Option<Proposal> {
         while !ws.spending.is_over() {
             if let Some(proposal) = places.proposals.get(places.tried) {
@@ -339,7 +338,7 @@ impl<D: DotDetector> Estimator<D> {
         image: &ImageView<'_>,
         part: &Roi,
         places: &mut Places,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
     ) {
         let pixels = (part.width * part.height) as f64;
         let level = level_of(pixels.sqrt(), MAX_SHRUNK.sqrt());

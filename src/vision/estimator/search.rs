@@ -10,7 +10,7 @@ use super::propose::Proposal;
 use super::{Estimator, EstimatorWorkspace};
 use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;
-use crate::vision::dots::detect::{DotDetector, LIKELY_DOT};
+use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection, Pose, Standing, is_mirrored};
 use crate::vision::frame::prior::{Budget, OutlinePrior, Prior, Spending};
 use crate::vision::optics::camera::BallCircle;
@@ -39,7 +39,7 @@ pub(crate) struct Images {
     pub gray: GrayImage,
 }
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// Estimates a frame. Outlines are proposed where the prior expects the ball, the likeliest first; dots are found within
     /// and identified, until a pose is clear or the budget is spent.
     ///
@@ -49,7 +49,7 @@ impl<D: DotDetector> Estimator<D> {
         image: impl Into<ImageView<'a>>,
         prior: &Prior,
         budget: &Budget,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         self.estimate_standing(image.into(), prior, Standing::Likely, budget, ws, out);
@@ -62,7 +62,7 @@ impl<D: DotDetector> Estimator<D> {
         prior: &Prior,
         standing: Standing,
         budget: &Budget,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         ws.spending = Spending::of(*budget);
@@ -109,7 +109,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         image: impl Into<ImageView<'a>>,
         outline: Option<&OutlinePrior>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         let image = image.into();
@@ -139,8 +139,8 @@ impl<D: DotDetector> Estimator<D> {
         image: ImageView<'_>,
         part: &Roi,
         level: u32,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        work: impl FnOnce(Crop<'_>, &mut EstimatorWorkspace<D::Workspace>),
+        ws: &mut EstimatorWorkspace,
+        work: impl FnOnce(Crop<'_>, &mut EstimatorWorkspace),
     ) {
         let mut images = std::mem::take(&mut ws.images);
         let is_whole = *part == Roi::whole(image.width(), image.height());
@@ -172,7 +172,7 @@ impl<D: DotDetector> Estimator<D> {
         image: ImageView<'_>,
         proposal: &Proposal,
         hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         out.clear();
@@ -227,7 +227,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         crop: &Crop<'_>,
         hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         other: &mut FrameEstimate,
         out: &mut FrameEstimate,
     ) {
@@ -250,7 +250,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         crop: &Crop<'_>,
         place: &Place,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<Candidate> {
         let begun = Instant::now();
@@ -274,7 +274,7 @@ impl<D: DotDetector> Estimator<D> {
         crop: &Crop<'_>,
         candidate: &Candidate,
         hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         self.find_dots(crop, candidate, ws, out);
@@ -306,12 +306,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// Finds the dots of the last patch anew, by the detector's second look.
-    fn look_again(
-        &self,
-        crop: &Crop<'_>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
+    fn look_again(&self, crop: &Crop<'_>, ws: &mut EstimatorWorkspace, out: &mut FrameEstimate) {
         let begun = Instant::now();
         let (dots, heat) = (&mut out.dots, &mut ws.heat);
         self.detector
@@ -330,7 +325,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         crop: &Crop<'_>,
         candidate: &Candidate,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         let begun = Instant::now();

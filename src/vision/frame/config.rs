@@ -5,7 +5,7 @@ use crate::error::{Error, Result, require};
 use crate::recognize::MIN_CONFIDENCE_IMAGES;
 use crate::recognize::robust::RobustConfig;
 use crate::view::{Detection, FalseDots, ViewModel};
-use crate::vision::dots::detect::LIKELY_DOT;
+use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::optics::camera::{BallView, Camera};
 use crate::vision::outline::circle::CircleConfig;
 use crate::vision::pose::trust::TrustMap;

@@ -8,7 +8,7 @@ use super::config::CameraDistance;
 use super::outline::Outline;
 use crate::geometry::Rotation;
 use crate::recognize::RecognizerRejection;
-use crate::vision::dots::detect::DotDetection;
+use crate::vision::dots::detector::DotDetection;
 use crate::vision::dots::smear::DotBlur;
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::optics::grid::Grid;

@@ -11,7 +11,7 @@ use super::dense::{DenseMatch, DenseMatcher};
 use super::identify::{DISAGREEMENT, PoseHypothesis};
 use super::trust::{DenseEvidence, PoseEvidence};
 use crate::geometry::Rotation;
-use crate::vision::dots::detect::{DotDetection, DotDetector};
+use crate::vision::dots::detector::DotDetection;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::{FrameEstimate, Hypothesis, Pose};
@@ -23,14 +23,10 @@ const NAMED: f64 = 0.16;
 /// Standard deviation of the outline's center and radius that the match gives, radii.
 const MOVED: f64 = 0.02;
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// Looks for the orientation that the detector's second look speaks for. Where it is not likely enough, the frame stays
     /// as it was, but for the evidence.
-    pub(crate) fn identify_densely(
-        &self,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
+    pub(crate) fn identify_densely(&self, ws: &mut EstimatorWorkspace, out: &mut FrameEstimate) {
         if out.is_settled() || ws.spending.is_late() {
             return;
         }
@@ -47,7 +43,7 @@ impl<D: DotDetector> Estimator<D> {
     fn match_densely(
         &self,
         outline: &Outline,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<Pose> {
         let matcher = self.dense_matcher();

@@ -13,7 +13,7 @@ use super::trust::{PoseEvidence, TrustMap};
 use crate::geometry::Rotation;
 use crate::recognize::{Hint, Recognizer, RecognizerRejection};
 use crate::view::DotUncertainty;
-use crate::vision::dots::detect::{DotDetection, DotDetector, LIKELY_DOT};
+use crate::vision::dots::detector::{DotDetection, LIKELY_DOT};
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::estimate::{
     FrameEstimate, FrameRejection, Hypothesis, MIRRORED, Pose, Standing, is_mirrored,
@@ -105,14 +105,10 @@ fn promise_of(found: &std::result::Result<PoseHypothesis, FrameRejection>) -> f6
     found.as_ref().map_or(0.0, |f| f.confidence)
 }
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// Estimates the orientation from the detected dots of a frame, without its pixels: those that another detector found, or
     /// those of another estimator. The answer depends on the detections and the outline as found alone.
-    pub fn identify_detections(
-        &self,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
+    pub fn identify_detections(&self, ws: &mut EstimatorWorkspace, out: &mut FrameEstimate) {
         ws.spending = Spending::of(Budget {
             spent: out.earlier_attempts,
             ..Budget::default()
@@ -125,7 +121,7 @@ impl<D: DotDetector> Estimator<D> {
     pub(crate) fn identify(
         &self,
         detections: Detections,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         let Some(outline) = out.outline else {
@@ -152,7 +148,7 @@ impl<D: DotDetector> Estimator<D> {
     pub(crate) fn identify_expected(
         &self,
         hint: &Hint,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         let alone = out.outcome;
@@ -190,7 +186,7 @@ impl<D: DotDetector> Estimator<D> {
         outline: &Outline,
         detections: Detections,
         hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> std::result::Result<Pose, FrameRejection> {
         let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
@@ -281,7 +277,7 @@ impl<D: DotDetector> Estimator<D> {
         look: &Look,
         view: &BallView,
         hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         dots: &[DotDetection],
     ) -> std::result::Result<PoseHypothesis, FrameRejection> {
         self.observe(self.config.dot_probability[look.pass], view, ws, dots);
@@ -319,7 +315,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         min_probability: f64,
         view: &BallView,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         dots: &[DotDetection],
     ) {
         let min_depth = self
@@ -354,7 +350,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         rotation: &Rotation,
         dots: &[DotDetection],
-        ws: &EstimatorWorkspace<D::Workspace>,
+        ws: &EstimatorWorkspace,
         name: impl Fn(usize) -> Option<u16>,
     ) -> PoseEvidence {
         let (mut named, mut unnamed, mut doubt, mut squares) = (0, 0, 0.0, 0.0);
@@ -391,7 +387,7 @@ impl<D: DotDetector> Estimator<D> {
         hypothesis: &PoseHypothesis,
         outline: &Outline,
         hinted: bool,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> std::result::Result<Pose, FrameRejection> {
         let PoseHypothesis {
@@ -411,7 +407,7 @@ impl<D: DotDetector> Estimator<D> {
         start: Camera,
         outline: &Outline,
         drawn: Drawn,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<Refined> {
         let prior = refine::Prior {

@@ -27,7 +27,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2};
 
 use crate::geometry::{Rotation, Vec3};
 use crate::image::GrayImage;
-use crate::vision::dots::detect::DotDetection;
+use crate::vision::dots::detector::DotDetection;
 use crate::vision::frame::estimate::FrameEstimate;
 use crate::vision::frame::outline::Outline;
 use crate::vision::optics::camera::{BallCircle, Pixel};

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::refine::Drawn;
 use crate::image::ImageView;
-use crate::vision::dots::detect::{DotDetection, DotDetector};
+use crate::vision::dots::detector::DotDetection;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::{FrameEstimate, Pose};
@@ -30,13 +30,13 @@ const OVAL: f64 = 0.002;
 /// Where more than this part of the names is lost on the sharpened dots, these are other things.
 const MOST_LOST: f64 = 0.25;
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// Places the named dots of a frame by the image's pixels, and refines the pose on them. Dots that the pixels do not show
     /// stay as they were detected.
     pub(crate) fn sharpen(
         &self,
         image: ImageView<'_>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         let begun = Instant::now();
@@ -60,7 +60,7 @@ impl<D: DotDetector> Estimator<D> {
     fn place_by_pixels(
         &self,
         image: ImageView<'_>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<Option<RimFit>> {
         let view = self.view(out)?;
@@ -113,7 +113,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         pose: &Pose,
         rim: Option<RimFit>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<()> {
         let (mut outline, view) = (out.outline?, self.view(out)?);

@@ -13,7 +13,7 @@ use super::pixels::{self, WholeMatch};
 use super::trust::{PoseEvidence, WholeEvidence};
 use crate::geometry::Rotation;
 use crate::recognize::Hint;
-use crate::vision::dots::detect::{DotDetection, DotDetector};
+use crate::vision::dots::detector::DotDetection;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::{FrameEstimate, Hypothesis};
@@ -30,14 +30,14 @@ const OUTLINE_PX: f64 = 0.12;
 /// Probability of the dots of an accepted pose: they are not judged one by one.
 const PLACED: f64 = 0.9;
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// Looks for the orientation that the pixels of a small ball speak for, and where these leave it open, for the one that they
     /// and the `hint` do. Where none is likely enough, the frame stays as it was, but for the evidence.
     pub(crate) fn identify_whole(
         &self,
         crop: &Crop<'_>,
         hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         let is_small = |o: &Outline| o.circle.radius <= MAX_RADIUS;
@@ -59,7 +59,7 @@ impl<D: DotDetector> Estimator<D> {
         crop: &Crop<'_>,
         outline: &Outline,
         hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<()> {
         let camera = self.config.camera.at(None);
@@ -125,7 +125,7 @@ impl<D: DotDetector> Estimator<D> {
         hypothesis: &PoseHypothesis,
         outline: &Outline,
         hinted: bool,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<()> {
         ws.detected.clone_from(&out.dots);
@@ -158,7 +158,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         view: &BallView,
         found: &WholeMatch,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Hypothesis {
         let rotation = view.to_camera() * found.fit.rotation;

@@ -107,7 +107,7 @@ pub fn run(clips: u64, count: usize, seed: u64, failures: bool) -> Outcome {
 }
 
 fn clip(
-    all: &BallsEstimator<spindoe::vision::NamedDetector>,
+    all: &BallsEstimator,
     patterns: &[Pattern],
     seed: u64,
     balls: usize,

@@ -24,7 +24,7 @@ use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Frame, FrameTruth, Sequence};
 use spindoe::vision::frame::CameraModel;
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use spindoe::vision::{DetectorName, DotDetector, Estimator, EstimatorConfig, FrameEstimate};
 use spindoe_studies::frames::DOTS20;
 use spindoe_studies::score::{bins, median, rates, share};
 use spindoe_studies::table::{Table, figure};
@@ -142,7 +142,7 @@ impl Args {
     fn clip(
         &self,
         pattern: &Pattern,
-        detector: &NamedDetector,
+        detector: &DotDetector,
         fps: f64,
         readout_s: f64,
         seed: u64,
@@ -232,7 +232,7 @@ impl Args {
 
 /// The spin of frames, weighed by their rows where the time between these is not 0.
 fn spun(
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     truth: &Vec3,
     apart: f64,
     named: &[NamedFrame<'_>],

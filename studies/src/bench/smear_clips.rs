@@ -23,7 +23,7 @@ use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence};
-use spindoe::vision::{Estimator, NamedDetector};
+use spindoe::vision::Estimator;
 use spindoe_studies::frames::{DOTS20, blur_estimator};
 use spindoe_studies::score::share;
 use spindoe_studies::table::Table;
@@ -133,7 +133,7 @@ impl Args {
 
     fn clip(
         &self,
-        estimator: &Estimator<NamedDetector>,
+        estimator: &Estimator,
         fps: f64,
         exposure_s: f64,
         seed: u64,

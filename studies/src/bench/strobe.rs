@@ -13,7 +13,7 @@ use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::Frame;
 use spindoe::vision::frame::{CameraDistance, CameraModel};
 use spindoe::vision::{
-    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
+    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior,
 };
 use spindoe_studies::frames::{DOTS20, estimator};
 use spindoe_studies::score::{mean, median, share};
@@ -138,7 +138,7 @@ impl Args {
     fn read(
         &self,
         trials: &ExposureTrials,
-        all: &BallsEstimator<NamedDetector>,
+        all: &BallsEstimator,
         frame: &Frame,
         k: u64,
     ) -> spindoe::Result<Read> {

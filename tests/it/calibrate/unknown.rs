@@ -17,7 +17,7 @@ use spindoe::synth::pen::Spot;
 use spindoe::synth::{Scene, SynthConfig};
 use spindoe::vision::optics::camera::BallView;
 use spindoe::vision::painted::{MappedFrame, PaintMap, PaintMapper, PaintedFrame};
-use spindoe::vision::{DetectorName, FrameEstimate, NamedDetector, Outline, Prior};
+use spindoe::vision::{DetectorName, FrameEstimate, Outline, Prior};
 use spindoe::{
     Ball, DotUncertainty, Estimator, EstimatorConfig, Identification, ObservedDot, Pattern,
     Recognizer, RobustRecognizer, ViewModel,
@@ -195,7 +195,7 @@ fn pictures_of(
 }
 
 /// An estimator for its detections only.
-fn detecting() -> Estimator<NamedDetector> {
+fn detecting() -> Estimator {
     let stand_in = SurfaceObserver::stand_in().unwrap();
     let detector = DetectorName::Cnn.build().unwrap();
     Estimator::new(&stand_in, EstimatorConfig::default(), detector).unwrap()

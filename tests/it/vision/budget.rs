@@ -9,11 +9,10 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, NamedDetector,
-    Prior,
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, Prior,
 };
 
-fn estimator(pattern: &Pattern) -> Estimator<NamedDetector> {
+fn estimator(pattern: &Pattern) -> Estimator {
     let detector = DetectorName::Cnn.build().expect("weights");
     Estimator::new(pattern, EstimatorConfig::default(), detector).expect("valid settings")
 }

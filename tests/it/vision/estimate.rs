@@ -14,11 +14,11 @@ use spindoe::source::FrameSource;
 use spindoe::source::files::{natural_order, time_of_stem};
 use spindoe::spin::orientations::Orientations;
 use spindoe::vision::{
-    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Intrinsics,
-    NamedDetector, Prior, find_ball,
+    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Intrinsics, Prior,
+    find_ball,
 };
 
-fn estimator(pattern: &Pattern, camera: Camera) -> Estimator<NamedDetector> {
+fn estimator(pattern: &Pattern, camera: Camera) -> Estimator {
     let config = EstimatorConfig {
         camera: camera.into(),
         ..EstimatorConfig::default()
@@ -418,7 +418,7 @@ fn mirrored_balls_are_refused_as_such() {
     }
 }
 
-fn estimator_of_synth(pattern: &Pattern) -> Estimator<NamedDetector> {
+fn estimator_of_synth(pattern: &Pattern) -> Estimator {
     let detector = DetectorName::Cnn.build().expect("weights");
     Estimator::new(pattern, EstimatorConfig::default(), detector).expect("valid settings")
 }

@@ -13,16 +13,16 @@ use spindoe::pattern::Pattern;
 use spindoe::recognize::Hint;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
-use spindoe::vision::dots::detect::DotDetection;
+use spindoe::vision::dots::detector::DotDetection;
 use spindoe::vision::frame::{Outline, OutlineSource, Pose};
 use spindoe::vision::{
     BallCircle, BallView, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    NamedDetector, OutlinePrior, Pixel, Prior,
+    OutlinePrior, Pixel, Prior,
 };
 
 const CIRCLE: BallCircle = BallCircle::new(Pixel { u: 40.0, v: 40.0 }, 30.0);
 
-fn estimator(pattern: &Pattern, config: EstimatorConfig) -> Estimator<NamedDetector> {
+fn estimator(pattern: &Pattern, config: EstimatorConfig) -> Estimator {
     let detector = DetectorName::Cnn.build().expect("weights");
     Estimator::new(pattern, config, detector).expect("valid settings")
 }

@@ -13,11 +13,9 @@ use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
 use spindoe::vision::dots::smear::Turn;
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
-};
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
-fn estimator(measures_blur: bool) -> Estimator<NamedDetector> {
+fn estimator(measures_blur: bool) -> Estimator {
     let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref()).unwrap();
     let config = EstimatorConfig {
         measures_blur,

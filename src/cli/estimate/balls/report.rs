@@ -26,7 +26,7 @@ use crate::spin::{Fit, SpinRejection};
 #[cfg(feature = "plot")]
 use crate::clip::batch::TimeSource;
 #[cfg(feature = "plot")]
-use crate::vision::{Estimator, NamedDetector};
+use crate::vision::Estimator;
 
 /// Other hypotheses of an exposure that are named in words.
 const MAX_NAMED: usize = 3;
@@ -228,7 +228,7 @@ impl<'a> Report<'a> {
 
     /// A frame with its balls drawn on it.
     #[cfg(feature = "plot")]
-    pub fn drawn(&self, k: usize, estimators: &[Estimator<NamedDetector>]) -> OverlayFrame {
+    pub fn drawn(&self, k: usize, estimators: &[Estimator]) -> OverlayFrame {
         let frame = &self.batch.frames[k].frame;
         let balls = self.balls[k].iter().zip(&self.numbers[k]);
         let drawn = balls

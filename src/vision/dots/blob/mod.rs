@@ -16,9 +16,8 @@ mod shape;
 
 use self::flatten::{Flat, Shading};
 use self::shape::Blob;
-use super::detect::{DotDetection, DotDetector};
+use super::detector::DotDetection;
 use super::patch::{MIDDLE, Patch, RADIUS, SIZE};
-use crate::vision::optics::derived::USUAL_DOUBT;
 
 /// Standard deviations of the Gaussians, patch values; each difference is of two neighbors.
 const SIGMAS: [f32; 4] = [1.2, 1.9, 3.0, 4.8];
@@ -28,44 +27,22 @@ const FAINT: f32 = 0.12;
 const MAX_BLOBS: usize = 48;
 /// Dots nearer than this, in patch values, are one.
 const ONE_DOT: f64 = 2.5;
-
-/// Settings of the blob detector.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct BlobConfig {
-    /// Blur of the image, standard deviation in ball radii.
-    pub blur: f64,
-    /// Minimum and maximum radius of a dot, ball radii.
-    pub dot_radius: (f64, f64),
-    /// Contrast over the noise of a dot's mean at which a blob is as likely a dot as not.
-    pub signal_to_noise: f64,
-    /// Part of the strong dots' contrast at which a blob is as likely a dot as not.
-    pub relative_contrast: f64,
-    /// Depth (z) below which dots are seen too obliquely to be distinguished from the limb.
-    pub min_depth: f64,
-    /// Detections with less probability are dropped.
-    pub min_probability: f64,
-}
-
-impl Default for BlobConfig {
-    /// A pixel of blur on a ball of 60 px; dots of a twentieth to a quarter of the radius; six
-    /// times the noise; a third of the strong dots' contrast; 0.16 deep; nothing below one in
-    /// twenty.
-    fn default() -> Self {
-        Self {
-            blur: 0.035,
-            dot_radius: (0.05, 0.25),
-            signal_to_noise: 6.0,
-            relative_contrast: 0.35,
-            min_depth: 0.16,
-            min_probability: 0.05,
-        }
-    }
-}
+/// Blur of the image, standard deviation in ball radii: a pixel on a ball of 60 px.
+const BLUR: f64 = 0.035;
+/// Minimum and maximum radius of a dot, ball radii.
+const DOT_RADIUS: (f64, f64) = (0.05, 0.25);
+/// Contrast over the noise of a dot's mean at which a blob is as likely a dot as not.
+const SIGNAL_TO_NOISE: f64 = 6.0;
+/// Part of the strong dots' contrast at which a blob is as likely a dot as not.
+const RELATIVE_CONTRAST: f64 = 0.35;
+/// Depth (z) below which dots are seen too obliquely to be distinguished from the limb.
+const MIN_DEPTH: f64 = 0.16;
+/// Detections with less probability are dropped.
+const MIN_PROBABILITY: f64 = 0.05;
 
 /// The detector. See the module's documentation.
 #[derive(Debug, Clone)]
 pub struct BlobDetector {
-    config: BlobConfig,
     shading: Shading,
     kernels: [Vec<f32>; SIGMAS.len()],
     /// The part of each Gaussian that lies on the ball, pixel by pixel.
@@ -85,9 +62,15 @@ pub struct BlobWorkspace {
     contrasts: Vec<f64>,
 }
 
+impl Default for BlobDetector {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl BlobDetector {
-    /// A detector with these settings.
-    pub fn new(config: BlobConfig) -> Self {
+    /// The detector, with its tables.
+    pub fn new() -> Self {
         let shading = Shading::new();
         let kernels = SIGMAS.map(gaussian);
         let mut half = Vec::new();
@@ -97,7 +80,6 @@ impl BlobDetector {
             share
         });
         Self {
-            config,
             shading,
             kernels,
             shares,
@@ -159,34 +141,16 @@ impl BlobDetector {
             .sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         ws.candidates.truncate(MAX_BLOBS);
     }
-
-    fn probability(&self, blob: &Blob, strong: f64) -> f64 {
-        let c = &self.config;
-        let logistic = |t: f64| 1.0 / (1.0 + (-t).exp());
-        let radius = blob.radius / RADIUS;
-        let (low, high) = c.dot_radius;
-        logistic((blob.signal_to_noise - c.signal_to_noise) / 1.2)
-            * logistic(12.0 * (blob.contrast / strong - c.relative_contrast))
-            * logistic(10.0 * (blob.explained - 0.5))
-            * logistic((radius - low) / (0.1 * low))
-            * logistic((high - radius) / (0.1 * high))
-            * logistic((blob.depth - c.min_depth) / 0.03)
-    }
 }
 
-impl DotDetector for BlobDetector {
-    type Workspace = BlobWorkspace;
-
-    fn workspace(&self) -> BlobWorkspace {
+impl BlobDetector {
+    /// A new workspace.
+    pub fn workspace(&self) -> BlobWorkspace {
         BlobWorkspace::default()
     }
 
-    fn usual_doubt(&self) -> Option<f64> {
-        // A contrast is no probability: the net's doubt in the median ball is taken for it.
-        Some(USUAL_DOUBT)
-    }
-
-    fn detect_into(&self, patch: &Patch, ws: &mut BlobWorkspace, out: &mut Vec<DotDetection>) {
+    /// Finds the dots of a ball and writes them into `out`, the likeliest first.
+    pub fn detect_into(&self, patch: &Patch, ws: &mut BlobWorkspace, out: &mut Vec<DotDetection>) {
         out.clear();
         self.shading.flatten(patch.values(), &mut ws.flat);
         self.respond(ws);
@@ -196,7 +160,7 @@ impl DotDetector for BlobDetector {
         for &(_, i) in &ws.candidates {
             let start = ((i % SIZE) as f64, (i / SIZE) as f64);
             let sigma = f64::from(SIGMAS[usize::from(ws.scale[i])]);
-            let blur = self.config.blur * RADIUS;
+            let blur = BLUR * RADIUS;
             let Some(blob) = shape::fit(&ws.flat, self.shading.mask(), start, sigma, blur) else {
                 continue;
             };
@@ -209,7 +173,7 @@ impl DotDetector for BlobDetector {
         }
         ws.contrasts.clear();
         ws.contrasts.reserve(MAX_BLOBS);
-        let clear = |b: &&Blob| b.signal_to_noise > self.config.signal_to_noise && b.depth > 0.4;
+        let clear = |b: &&Blob| b.signal_to_noise > SIGNAL_TO_NOISE && b.depth > 0.4;
         ws.contrasts
             .extend(ws.blobs.iter().filter(clear).map(|b| b.contrast));
         ws.contrasts.sort_unstable_by(f64::total_cmp);
@@ -218,8 +182,8 @@ impl DotDetector for BlobDetector {
         };
         let step = patch.step();
         for blob in &ws.blobs {
-            let probability = self.probability(blob, strong);
-            if probability >= self.config.min_probability {
+            let probability = probability(blob, strong);
+            if probability >= MIN_PROBABILITY {
                 out.push(DotDetection {
                     pixel: patch.to_image(blob.column, blob.row),
                     // Values of a coarse image are interpolated: their noise is shared by
@@ -233,6 +197,18 @@ impl DotDetector for BlobDetector {
     }
 }
 
+/// How likely a blob is a dot, among such strong ones.
+fn probability(blob: &Blob, strong: f64) -> f64 {
+    let logistic = |t: f64| 1.0 / (1.0 + (-t).exp());
+    let radius = blob.radius / RADIUS;
+    let (low, high) = DOT_RADIUS;
+    logistic((blob.signal_to_noise - SIGNAL_TO_NOISE) / 1.2)
+        * logistic(12.0 * (blob.contrast / strong - RELATIVE_CONTRAST))
+        * logistic(10.0 * (blob.explained - 0.5))
+        * logistic((radius - low) / (0.1 * low))
+        * logistic((high - radius) / (0.1 * high))
+        * logistic((blob.depth - MIN_DEPTH) / 0.03)
+}
 /// A Gaussian out to three standard deviations, of sum 1.
 fn gaussian(sigma: f32) -> Vec<f32> {
     let half = (3.0 * sigma).ceil() as i32;
