@@ -14,6 +14,7 @@ use std::time::Instant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::Error;
+use spindoe::clip::frame_table::read_times;
 use spindoe::geometry::{Vec3, random_direction};
 use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
@@ -26,7 +27,6 @@ use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::simulate::{Scenario, stream};
 use spindoe::spin::trajectories::TrajectorySet;
 use spindoe::view::ProtocolName;
-use spindoe::vision::frame_table::read_times;
 use spindoe::vision::{
     Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior, Prior,
 };

@@ -11,8 +11,8 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::{
-    BallCircle, BallFinder, Budget, CircleConfig, CnnDetector, DetectorName, DotDetector,
-    Estimator, EstimatorConfig, FrameEstimate, Patch, Prior,
+    BallCircle, BallFinder, Budget, CircleConfig, CnnDetector, DetectorName, Estimator,
+    EstimatorConfig, FrameEstimate, Patch, Prior,
 };
 
 fn synth(c: &mut Criterion) {

@@ -5,8 +5,8 @@
     python3 examples/detect_dots.py dots.onnx ball.png U V R
 
 U V R is the ball's circle in pixels (center of the top-left pixel at 0, 0). Prints a dot a line: its pixel, standard
-deviations along u and v, and the probability that it is a dot. The steps are those of src/vision/patch.rs and
-src/vision/net/detector.rs.
+deviations along u and v, and the probability that it is a dot. The steps are those of src/vision/dots/patch.rs and
+src/vision/dots/net.rs.
 """
 
 import sys

@@ -4,8 +4,8 @@
 //!
 //! File names are times in nanoseconds, as SpinDOE has them.
 
+use spindoe::clip::{BatchConfig, SequenceOutcome, estimate_inputs};
 use spindoe::vision::DetectorName;
-use spindoe::vision::estimator::{BatchConfig, SequenceOutcome, estimate_inputs};
 use spindoe::{Estimator, EstimatorConfig, Pattern};
 
 fn main() -> spindoe::Result<()> {

@@ -381,3 +381,9 @@ pub fn tangent_frame(axis: &Vec3) -> [Vec3; 2] {
     let e1 = axis.cross(&helper).normalize();
     [e1, axis.cross(&e1)]
 }
+
+/// A covariance in a frame that is turned.
+pub fn turned_covariance(turn: &Rotation, covariance: &Matrix3<f64>) -> Matrix3<f64> {
+    let matrix = turn.to_rotation_matrix();
+    matrix.matrix() * covariance * matrix.matrix().transpose()
+}

@@ -11,7 +11,7 @@
 //! Imports run from left to right only:
 //! [`geometry`] <- [`pattern`] <- [`ball`] (what all others are made for) <- [`view`] <- [`recognize`] <- [`validate`] <- [`design`];
 //! [`pipeline`] (work on a stream) serves [`recognize`];
-//! [`stencil`], [`mark`], [`spin`] and [`vision`] (from images to orientations) stand beside them,
+//! [`stencil`], [`mark`], [`spin`], [`vision`] (from an image to an orientation) and [`clip`] (all frames of one) stand beside them,
 //! [`plot`], [`report`] and [`cli`] on top.
 //!
 //! # Conventions
@@ -129,6 +129,8 @@ pub mod camera;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
+#[cfg(feature = "vision")]
+pub mod clip;
 mod concurrency;
 pub mod design;
 mod error;

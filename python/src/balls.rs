@@ -3,15 +3,15 @@
 use nalgebra::Matrix3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
+use spindoe::clip::{
+    BallEstimate, BallsEstimator, BallsWorkspace, Strobe, StrobeHypothesis, missing_balls,
+    number_balls,
+};
 use spindoe::geometry::CameraFrame;
 use spindoe::image::{ImageView, RawPixel};
 use spindoe::spin::SpinRejection;
 use spindoe::spin::robust::SpinConfig;
-use spindoe::vision::estimator::{
-    BallEstimate, BallsEstimator, BallsWorkspace, Strobe, StrobeHypothesis, missing_balls,
-    number_balls,
-};
-use spindoe::vision::{Budget, NamedDetector};
+use spindoe::vision::Budget;
 
 use crate::arrays::square;
 use crate::errors::{Answer, OrRaise};
@@ -41,7 +41,7 @@ type SpinTuple<'py> = (
 
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Balls {
-    inner: BallsEstimator<NamedDetector>,
+    inner: BallsEstimator,
     frame: CameraFrame,
 }
 
@@ -66,8 +66,7 @@ impl Balls {
         py: Python<'_>,
         image: &Bound<'_, PyAny>,
         pixel: RawPixel,
-        work: impl FnOnce(ImageView<'_>, &mut BallsWorkspace<'_, NamedDetector>) -> Vec<BallEstimate>
-        + Send,
+        work: impl FnOnce(ImageView<'_>, &mut BallsWorkspace<'_>) -> Vec<BallEstimate> + Send,
     ) -> PyResult<Vec<BallEstimate>> {
         let pixels = Pixels::new("image", image)?;
         let samples = pixels.samples("image", pixel)?;

@@ -5,18 +5,15 @@ use std::path::PathBuf;
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
-use spindoe::Pattern;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::{CalibrationConfig, calibrate};
+use spindoe::clip::{BatchConfig, FrameClock, SequenceOutcome, TimeSource, estimate_inputs};
 use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
 };
-use spindoe::vision::estimator::{
-    BatchConfig, FrameClock, SequenceOutcome, TimeSource, estimate_inputs,
-};
-use spindoe::vision::{FrameEstimate, NamedDetector, OutlinePrior};
-use spindoe::{Estimator, Vec3};
+use spindoe::vision::{FrameEstimate, OutlinePrior};
+use spindoe::{Estimator, Pattern, Vec3};
 
 use crate::arrays::{blocks3, rows, square, vector};
 use crate::errors::{Answer, OrRaise, value_error};
@@ -65,7 +62,7 @@ pub struct Clip {
 /// The frames of files, as the command reads them.
 pub fn read_clip(
     py: Python<'_>,
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     paths: &[PathBuf],
     outline: Option<OutlinePrior>,
     fps: Option<f64>,

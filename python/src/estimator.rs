@@ -11,6 +11,10 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::CalibrationConfig;
+use spindoe::clip::{
+    ImageWork, NamedFrame, SequenceConfig, SequenceSmears, SequenceSummary, TrackerConfig,
+    estimate_passes, orientations,
+};
 use spindoe::geometry::{CameraFrame, tangent_frame};
 use spindoe::image::RawPixel;
 use spindoe::report::calibration::CalibrationEvaluationConfig;
@@ -18,16 +22,12 @@ use spindoe::spin::alias::SpinEvidence;
 use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::robust::SpinConfig;
-use spindoe::vision::detector::NamedWorkspace;
-use spindoe::vision::estimator::{
-    CameraDistance, CameraModel, EstimatorWorkspace, ImageWork, NamedFrame, SequenceConfig,
-    SequenceSmears, SequenceSummary, TrackerConfig, estimate_passes, orientations,
-};
+use spindoe::vision::estimator::EstimatorWorkspace;
+use spindoe::vision::frame::{CameraDistance, CameraModel};
 use spindoe::vision::net::Weights;
-use spindoe::vision::net::detector::CnnConfig;
 use spindoe::vision::{
-    BallCircle, Budget, Camera, CnnDetector, DetectorName, EstimatorConfig, FrameEstimate,
-    Intrinsics, Lens, NamedDetector, OutlinePrior, Pixel, Prior,
+    BallCircle, Budget, Camera, CnnDetector, DetectorName, DotDetector, EstimatorConfig,
+    FrameEstimate, Intrinsics, Lens, OutlinePrior, Pixel, Prior,
 };
 use spindoe::{DotUncertainty, Vec3};
 
@@ -162,14 +162,14 @@ fn camera_model(kind: &str, numbers: &[f64]) -> PyResult<CameraModel> {
 
 /// The working memory of one call.
 struct Slot {
-    workspace: EstimatorWorkspace<NamedWorkspace>,
+    workspace: EstimatorWorkspace,
     buffers: Buffers,
     frame: FrameEstimate,
 }
 
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Estimator {
-    inner: Arc<spindoe::Estimator<NamedDetector>>,
+    inner: Arc<spindoe::Estimator>,
     /// What the ball was designed for: a calibration of it knows that too.
     design: Option<DesignRecord>,
     slots: Mutex<Vec<Slot>>,
@@ -177,7 +177,7 @@ pub struct Estimator {
 
 impl Estimator {
     /// The library's own.
-    pub fn library(&self) -> &spindoe::Estimator<NamedDetector> {
+    pub fn library(&self) -> &spindoe::Estimator {
         &self.inner
     }
 
@@ -233,7 +233,7 @@ impl Estimator {
             ..Prior::default()
         };
         let mut progress = progress;
-        let on_images = |numbers: &[usize], work: &ImageWork<'_, NamedWorkspace>| {
+        let on_images = |numbers: &[usize], work: &ImageWork<'_>| {
             // Only the first pass over all of them is heard of.
             let heard = progress.take();
             let mut found = Vec::with_capacity(numbers.len());
@@ -256,7 +256,7 @@ impl Estimator {
         images: &[Bound<'_, PyAny>],
         numbers: &[usize],
         pixel: RawPixel,
-        work: &ImageWork<'_, NamedWorkspace>,
+        work: &ImageWork<'_>,
     ) -> PyResult<Vec<(usize, FrameEstimate)>> {
         py.check_signals()?;
         let name = |k: usize| format!("images[{k}]");
@@ -304,7 +304,7 @@ impl Estimator {
             (None, named) => named.build().or_raise()?,
             (Some(path), DetectorName::Cnn) => {
                 let weights = Weights::read(&path).or_raise()?;
-                NamedDetector::Cnn(CnnDetector::new(&weights, CnnConfig::default()).or_raise()?)
+                DotDetector::Cnn(CnnDetector::new(&weights).or_raise()?)
             }
             (Some(_), DetectorName::Blob) => {
                 let problem = "expected the detector cnn: blobs have no weights";
@@ -500,7 +500,7 @@ impl Estimator {
             memory_s,
             max_latency,
         };
-        let inner = spindoe::vision::estimator::Tracker::new(Arc::clone(&self.inner), config);
+        let inner = spindoe::clip::Tracker::new(Arc::clone(&self.inner), config);
         Ok(Tracker {
             state: Mutex::new((inner.or_raise()?, Buffers::default())),
             frame: self.frame(),
@@ -570,7 +570,7 @@ pub fn check_times(times: &[f64], images: usize) -> PyResult<()> {
 }
 
 /// The tracker with the memory of its images.
-type TrackerState = (spindoe::vision::estimator::Tracker<NamedDetector>, Buffers);
+type TrackerState = (spindoe::clip::Tracker, Buffers);
 
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Tracker {

@@ -5,7 +5,7 @@ use numpy::ndarray::{Array2, ArrayViewD, arr1};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use spindoe::Vec3;
-use spindoe::geometry::{CameraFrame, to_wxyz};
+use spindoe::geometry::{CameraFrame, to_wxyz, turned_covariance};
 use spindoe::spin::alias::{AliasConfig, Alternative, SpinEvidence};
 use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
 use spindoe::spin::orientations::{OrientationRow, Orientations};
@@ -13,7 +13,6 @@ use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
 use spindoe::spin::robust::{MagnitudePrior, SpinConfig};
 use spindoe::spin::shared::ViewTurn;
 use spindoe::spin::{Fit, Measurement};
-use spindoe::vision::estimator::turned_covariance;
 
 use crate::arrays::{
     Numbers, block3, blocks3, matrix3, quaternion, require_shape, rotation, square, vector,

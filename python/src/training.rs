@@ -4,9 +4,9 @@ use numpy::ndarray::{Array2, Array3, Array4};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArray4, PyReadonlyArray1};
 use pyo3::prelude::*;
 use spindoe::synth::training::{self, FrameSet, Samples};
+use spindoe::vision::dots::patch::SIZE;
 use spindoe::vision::net::graph::{CELLS, Head, Step};
 use spindoe::vision::net::weights::{Calibration, Layer, Weights, WeightsMeta};
-use spindoe::vision::patch::SIZE;
 
 use crate::errors::{OrRaise, value_error};
 use crate::pattern::to_json;

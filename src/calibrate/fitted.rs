@@ -3,8 +3,8 @@
 use super::bundle::FrameView;
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::FrameEstimate;
-use crate::vision::detect::LIKELY_DOT;
-use crate::vision::estimator::CameraModel;
+use crate::vision::dots::detector::LIKELY_DOT;
+use crate::vision::frame::config::CameraModel;
 
 /// A frame with its orientation.
 #[derive(Debug, Clone)]

@@ -3,8 +3,8 @@
 use crate::ball::Ball;
 use crate::concurrency;
 use crate::error::Result;
-use crate::vision::detect::NoDetector;
-use crate::vision::estimator::EstimatorConfig;
+use crate::vision::dots::detector::DotDetector;
+use crate::vision::frame::config::EstimatorConfig;
 use crate::vision::{Estimator, FrameEstimate};
 
 /// Frames handled by one task: a workspace serves them all.
@@ -19,7 +19,7 @@ pub fn identify_frames(
     config: &EstimatorConfig,
     frames: &[FrameEstimate],
 ) -> Result<Vec<FrameEstimate>> {
-    let estimator = Estimator::for_ball(ball, *config, NoDetector)?;
+    let estimator = Estimator::for_ball(ball, *config, DotDetector::Given)?;
     let chunks: Vec<&[FrameEstimate]> = frames.chunks(CHUNK).collect();
     let done = concurrency::map(&chunks, |chunk| {
         let mut workspace = estimator.workspace();

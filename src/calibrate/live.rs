@@ -14,7 +14,6 @@ use super::unknown::{
 use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::image::Picture;
-use crate::vision::detect::DotDetector;
 use crate::vision::estimator::EstimatorWorkspace;
 use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate, Prior};
@@ -26,9 +25,9 @@ const GROWTH: f64 = 1.25;
 pub const MAX_FRAMES: usize = 3600;
 
 /// A clip that grows.
-pub struct LiveClip<D: DotDetector> {
-    estimator: Estimator<D>,
-    workspace: EstimatorWorkspace<D::Workspace>,
+pub struct LiveClip {
+    estimator: Estimator,
+    workspace: EstimatorWorkspace,
     config: CalibrationConfig,
     known: KnownDots,
     frames: Vec<FrameEstimate>,
@@ -53,9 +52,9 @@ pub struct LivePattern {
     pub times_s: Vec<f64>,
 }
 
-impl<D: DotDetector> LiveClip<D> {
+impl LiveClip {
     /// A clip without frames yet. The estimator's pattern stands in for the ball's: only its detections are used.
-    pub fn new(estimator: Estimator<D>, known: KnownDots, config: CalibrationConfig) -> Self {
+    pub fn new(estimator: Estimator, known: KnownDots, config: CalibrationConfig) -> Self {
         Self {
             workspace: estimator.workspace(),
             estimator,

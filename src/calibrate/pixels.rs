@@ -9,7 +9,8 @@ use super::result::rms_sigma_rad;
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3};
 use crate::stats::median;
-use crate::vision::estimator::{CameraModel, Outline};
+use crate::vision::frame::config::CameraModel;
+use crate::vision::frame::outline::Outline;
 use crate::vision::painted::{ExpectedDot, FoundDot, PaintedFrame, find_dots};
 
 /// A view faces a dot well enough for its pixels to be looked at from this depth on, and its radius, radians, more: of a dot at the limb a part is out

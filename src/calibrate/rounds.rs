@@ -20,7 +20,7 @@ use crate::geometry::{Vec3, angle_between};
 use crate::pattern::{MAX_DOTS, Pattern};
 use crate::stats::median;
 use crate::vision::FrameEstimate;
-use crate::vision::estimator::TrustMap;
+use crate::vision::pose::trust::TrustMap;
 
 /// Minimum number of named dots of a frame that takes part in the fit.
 const MIN_MATCHED: usize = 4;

@@ -26,7 +26,7 @@ use crate::pattern::random_pattern;
 use crate::synth::Rendering;
 use crate::synth::dataset::frame_rng;
 use crate::vision::FrameEstimate;
-use crate::vision::detect::LIKELY_DOT;
+use crate::vision::dots::detector::LIKELY_DOT;
 
 /// Random patterns that are looked at, and frames of each.
 const PATTERNS: u64 = 25;

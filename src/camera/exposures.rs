@@ -12,6 +12,8 @@ use serde::{Deserialize, Serialize};
 use super::frames::FrameOutcome;
 use super::racing::{RaceConfig, Racer, race};
 use super::trials::MAX_TRIALS;
+use crate::clip::balls::{BallEstimate, BallsEstimator};
+use crate::clip::strobe::{Strobe, StrobeHypothesis};
 use crate::concurrency;
 use crate::error::{Result, require};
 use crate::geometry::{CameraFrame, Vec3};
@@ -23,9 +25,7 @@ use crate::synth::SynthConfig;
 use crate::synth::dataset::{BallTruth, Frame, strobed_frame};
 use crate::synth::several::StrobeConfig;
 use crate::validate::ORIENTATION_FAILURE_RAD;
-use crate::vision::estimator::{
-    BallEstimate, BallsEstimator, CameraModel, Strobe, StrobeHypothesis,
-};
+use crate::vision::frame::config::CameraModel;
 use crate::vision::{Budget, Camera, DetectorName, Estimator, EstimatorConfig};
 
 /// rad/s in revolutions per minute.

@@ -2,14 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::clip::sequence::{SequenceConfig, estimate_sequence, estimate_spin};
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between};
 use crate::image::ImageView;
 use crate::stats::{Proportion, quantile};
 use crate::synth::dataset::Sequence;
 use crate::vision::Estimator;
-use crate::vision::detect::DotDetector;
-use crate::vision::estimator::{SequenceConfig, estimate_sequence, estimate_spin};
 
 /// A spin vector off by less than this part of its magnitude is right (SpinDOE Sec. IV-C).
 pub const SPIN_TOLERANCE: f64 = 0.2;
@@ -44,12 +43,7 @@ pub(super) struct SpinOutcome {
 
 impl SpinOutcome {
     /// What the estimator says of the first `count` frames of a sequence, at `fps` frames a second.
-    pub fn of<D: DotDetector + Sync>(
-        estimator: &Estimator<D>,
-        sequence: &Sequence,
-        fps: f64,
-        count: usize,
-    ) -> Result<Self> {
+    pub fn of(estimator: &Estimator, sequence: &Sequence, fps: f64, count: usize) -> Result<Self> {
         let mut truth = Vec3::zeros();
         let mut images = Vec::with_capacity(count);
         for i in 0..count {

@@ -10,9 +10,7 @@ use crate::error::{Result, require};
 use crate::pattern::Pattern;
 use crate::synth::Rendering;
 use crate::synth::dataset::Sequence;
-use crate::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
-};
+use crate::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 /// Maximum number of frames, and of sequences.
 pub(super) const MAX_TRIALS: u64 = 1_000_000;
@@ -139,7 +137,7 @@ impl CameraTrials {
         Ok(SpinRates::of(&outcomes, frames, self.seed))
     }
 
-    fn estimator(&self, pattern: &Pattern) -> Result<Estimator<NamedDetector>> {
+    fn estimator(&self, pattern: &Pattern) -> Result<Estimator> {
         self.conditions.check()?;
         Estimator::new(pattern, self.estimator, DetectorName::Cnn.build()?)
     }

@@ -7,16 +7,17 @@ use clap::Args;
 
 use super::output::one_of;
 use crate::ball::Ball;
+use crate::clip::batch::FrameClock;
+use crate::clip::frame_table::{self, FrameCircles};
 use crate::error::{Error, Result};
 use crate::image::Roi;
 use crate::source::files;
-use crate::vision::estimator::{CameraModel, FrameClock, OutlineMethod, OutlinePrior};
-use crate::vision::frame_table::{self, FrameCircles};
+use crate::vision::frame::config::{CameraModel, OutlineMethod};
+use crate::vision::frame::prior::OutlinePrior;
 use crate::vision::net::Weights;
-use crate::vision::net::detector::CnnConfig;
 use crate::vision::painted::Surface;
 use crate::vision::{
-    BallCircle, Camera, CnnDetector, DetectorName, Intrinsics, NamedDetector, Pixel,
+    BallCircle, Camera, CnnDetector, DetectorName, DotDetector, Intrinsics, Pixel,
 };
 
 #[derive(Debug, Args)]
@@ -103,12 +104,12 @@ impl ImageArguments {
         }
     }
 
-    pub(super) fn detector(&self) -> Result<NamedDetector> {
+    pub(super) fn detector(&self) -> Result<DotDetector> {
         match (&self.weights, self.detector) {
             (None, name) => name.build(),
             (Some(path), DetectorName::Cnn) => {
-                let net = CnnDetector::new(&Weights::read(path)?, CnnConfig::default())?;
-                Ok(NamedDetector::Cnn(net))
+                let net = CnnDetector::new(&Weights::read(path)?)?;
+                Ok(DotDetector::Cnn(net))
             }
             (Some(_), DetectorName::Blob) => {
                 let problem = "expected --detector cnn: blobs have no weights";

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use super::images::{order_warning, unused_warning};
+use crate::clip::batch::{Batch, BatchConfig, TimeSource};
 use crate::error::Result;
 use crate::files::csv::shown;
 use crate::source::files::SkippedFiles;
 use crate::source::video::VideoClock;
-use crate::vision::estimator::{Batch, BatchConfig, TimeSource};
 
 /// Skipped files that are named.
 const MAX_NAMED: usize = 5;

@@ -11,7 +11,7 @@ use super::places::Places;
 use crate::error::Result;
 use crate::image::RgbImage;
 use crate::vision::Pixel;
-use crate::vision::camera::BallCircle;
+use crate::vision::optics::camera::BallCircle;
 
 /// About the side of a small frame's overlay, file pixels.
 pub const OVERLAY_SIDE: u32 = 360;

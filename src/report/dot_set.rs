@@ -18,7 +18,7 @@ use crate::pattern::Pattern;
 use crate::recognize::MIN_CONFIDENCE_IMAGES;
 use crate::stats::median;
 use crate::view::{Detection, FalseDots, Noise, ProtocolName, ViewModel};
-use crate::vision::detect::LIKELY_DOT;
+use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::{EstimatorConfig, FrameEstimate};
 
 /// Distinguishes the trials from those of the protocols.

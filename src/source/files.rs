@@ -4,7 +4,7 @@
 //! letter: runs of digits compare as numbers, so that "3333333" comes before "103333323". Images
 //! and videos whose metadata says that the camera was rotated are rotated upright. Times: a file's
 //! stem as an integer is nanoseconds (SpinDOE's convention); a video's frames have the container's
-//! own time stamps, even or not; [`frame_table`](crate::vision::frame_table) reads others from a table.
+//! own time stamps, even or not; [`frame_table`](crate::clip::frame_table) reads others from a table.
 //! [`video`](super::video) reads the frames of videos.
 
 use std::cmp::Ordering;

@@ -11,7 +11,7 @@ use super::color::{Color, mix, scaled};
 use super::config::{SynthConfig, SynthKind};
 use super::ground::Ground;
 use super::texture::{Material, Texture, hue};
-use crate::vision::camera::Pixel;
+use crate::vision::optics::camera::Pixel;
 
 /// Something round in the background.
 #[derive(Debug, Clone, Copy, PartialEq)]

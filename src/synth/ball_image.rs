@@ -2,7 +2,7 @@
 
 use super::surface::Surface;
 use crate::geometry::{Rotation, Vec3};
-use crate::vision::camera::BallCircle;
+use crate::vision::optics::camera::BallCircle;
 
 /// Which image of which ball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -13,7 +13,7 @@ use super::scene::Scene;
 use super::surface::{Mark, Seam};
 use super::view::View;
 use crate::geometry::{Rotation, Vec3};
-use crate::vision::camera::Pixel;
+use crate::vision::optics::camera::Pixel;
 
 /// Balls of a smaller radius, pixels, have three rays along a pixel; others have two.
 const SMALL_PX: f64 = 25.0;

@@ -22,7 +22,7 @@ use crate::error::{Error, Result, require};
 use crate::geometry::{Rotation, Vec3, to_wxyz};
 use crate::image::RgbImage;
 use crate::pattern::Pattern;
-use crate::vision::camera::{Camera, Intrinsics, Pixel};
+use crate::vision::optics::camera::{Camera, Intrinsics, Pixel};
 
 /// Time of a sequence's first frame, ns: so that all names have the same length for an hour.
 const FIRST_NS: u64 = 1_000_000_000_000;

@@ -11,7 +11,7 @@ use super::several::{BallImage, ImageOf};
 use super::view::View;
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;
-use crate::vision::camera::{BallCircle, Camera, Pixel};
+use crate::vision::optics::camera::{BallCircle, Camera, Pixel};
 
 /// Balls of one sequence, and columns and rows of their frames where none are given.
 const MAX_BALLS: usize = 8;

@@ -19,7 +19,7 @@ use super::view::{Ellipse, View};
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3};
 use crate::image::RgbImage;
-use crate::vision::camera::{BallCircle, Camera, Pixel};
+use crate::vision::optics::camera::{BallCircle, Camera, Pixel};
 
 /// Maximum number of instants of an exposure.
 const MAX_INSTANTS: usize = 24;

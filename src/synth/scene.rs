@@ -19,7 +19,7 @@ use super::view::View;
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3, random_direction, random_rotation};
 use crate::pattern::Pattern;
-use crate::vision::camera::{BallCircle, Camera, Intrinsics, Pixel};
+use crate::vision::optics::camera::{BallCircle, Camera, Intrinsics, Pixel};
 
 /// Longest exposure that is drawn, s.
 const MAX_EXPOSURE_S: f64 = 4e-3;

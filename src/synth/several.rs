@@ -10,11 +10,11 @@ pub use super::ball_image::{BallImage, ImageOf};
 use super::config::SynthConfig;
 use super::random::{between, log_between};
 use super::scene::{Scene, pinhole};
+use crate::clip::strobe::check_flashes;
 use crate::error::{Result, require};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::Pattern;
-use crate::vision::camera::{BallCircle, Camera, Pixel};
-use crate::vision::estimator::check_flashes;
+use crate::vision::optics::camera::{BallCircle, Camera, Pixel};
 
 /// Maximum columns and rows of a picture: as of [`SynthConfig::image_px`].
 const MAX_SIDE: usize = 8192;

@@ -14,7 +14,7 @@ use super::scene::Scene;
 use super::view::View;
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3};
-use crate::vision::camera::BallCircle;
+use crate::vision::optics::camera::BallCircle;
 
 /// Deviation of eight-bit values, of full.
 const ROUNDING: f64 = 1.0 / (255.0 * 3.464_101_615_137_754);

@@ -14,14 +14,14 @@
 //! A point `n` of the sphere (unit vector from its center) is in sight where `n . e > 1 / D`, `e`
 //! the unit vector from the ball's center to the camera.
 //!
-//! This module shares no code with [`crate::vision::camera`], which is measured on its images.
+//! This module shares no code with [`crate::vision::optics::camera`], which is measured on its images.
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Result, require};
 use crate::geometry::{Rotation, Vec3};
-use crate::vision::camera::{BallCircle, Camera, Pixel};
-use crate::vision::lens::Lens;
+use crate::vision::optics::camera::{BallCircle, Camera, Pixel};
+use crate::vision::optics::lens::Lens;
 
 /// The ball's outline: an ellipse.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

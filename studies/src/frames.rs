@@ -10,10 +10,7 @@ use spindoe::pattern::{Pattern, shipped_designs};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Frame, FrameTruth, independent_frame};
 use spindoe::vision::estimator::EstimatorWorkspace;
-use spindoe::vision::{
-    Budget, DetectorName, DotDetector, Estimator, EstimatorConfig, FrameEstimate, NamedDetector,
-    Prior,
-};
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 /// The pattern that most is measured with; it occurs in no training.
 pub const DOTS20: &str = "designs/dots20/pattern.csv";
@@ -47,13 +44,13 @@ pub fn good_conditions() -> FrameSet {
 ///
 /// # Errors
 /// A pattern that cannot be estimated.
-pub fn estimator(pattern: &Pattern) -> Result<Estimator<NamedDetector>> {
+pub fn estimator(pattern: &Pattern) -> Result<Estimator> {
     let detector = DetectorName::Cnn.build()?;
     Estimator::new(pattern, EstimatorConfig::default(), detector)
 }
 
 /// One that measures how dots are blurred, too.
-pub fn blur_estimator(pattern: &Pattern) -> Result<Estimator<NamedDetector>> {
+pub fn blur_estimator(pattern: &Pattern) -> Result<Estimator> {
     let config = EstimatorConfig {
         measures_blur: true,
         ..EstimatorConfig::default()
@@ -62,11 +59,11 @@ pub fn blur_estimator(pattern: &Pattern) -> Result<Estimator<NamedDetector>> {
 }
 
 /// The workspace of such an estimator.
-pub type Workspace = EstimatorWorkspace<<NamedDetector as DotDetector>::Workspace>;
+pub type Workspace = EstimatorWorkspace;
 
 /// An image, told nothing.
 pub fn alone<'a>(
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     image: impl Into<ImageView<'a>>,
     ws: &mut Workspace,
 ) -> FrameEstimate {
@@ -86,7 +83,7 @@ pub fn outcome(found: &FrameEstimate, truth: &FrameTruth) -> FrameOutcome {
 /// # Errors
 /// Settings that cannot be drawn from.
 pub fn each<T: Send, const N: usize>(
-    estimators: &[Estimator<NamedDetector>; N],
+    estimators: &[Estimator; N],
     config: &SynthConfig,
     seed: u64,
     count: usize,

@@ -267,7 +267,7 @@ fn times() {
     let text = "frame,time_s\nleft/7.png,0.5\nright/7.png,0.25\n\"8, 9\",1\n";
     break_reader("times", text.as_bytes(), |bytes| {
         std::fs::write(&path, bytes).unwrap();
-        spindoe::vision::frame_table::read_times(&path).map(drop)
+        spindoe::clip::frame_table::read_times(&path).map(drop)
     });
 }
 

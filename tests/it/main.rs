@@ -14,6 +14,7 @@ mod design;
 #[cfg(feature = "cli")]
 mod docs;
 mod geometry;
+mod layers;
 
 #[cfg(feature = "vision")]
 mod camera;

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use spindoe::calibrate::{CalibrationConfig, DotState, calibrate};
+use spindoe::clip::{Batch, BatchFrame, NamedFrame, SequenceOutcome, TimeSource, orientations};
 use spindoe::geometry::{CameraFrame, spiral_directions};
 use spindoe::pattern::Pattern;
 use spindoe::recognize::RecognizerName;
@@ -18,9 +19,7 @@ use spindoe::report::page::{CalibrationPage, DesignPage, EstimatePage};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::DetectorName;
-use spindoe::vision::estimator::{
-    Batch, BatchFrame, Budget, NamedFrame, Prior, SequenceOutcome, TimeSource, orientations,
-};
+use spindoe::vision::frame::{Budget, Prior};
 use spindoe::{Ball, Estimator, EstimatorConfig, FrameEstimate};
 
 use crate::common::{done, spindoe};

@@ -3,6 +3,9 @@
 use std::f64::consts::PI;
 
 use crate::common::{done, random_pattern, spindoe};
+use spindoe::clip::{
+    BallEstimate, BallTracks, BallsEstimator, Strobe, StrobeHypothesis, number_balls,
+};
 use spindoe::geometry::{CameraFrame, Rotation, Vec3};
 use spindoe::pattern::Pattern;
 use spindoe::spin::golf::Flight;
@@ -13,13 +16,9 @@ use spindoe::synth::folder::Truth;
 use spindoe::synth::sensor::Sensor;
 use spindoe::synth::several::StrobeConfig;
 use spindoe::synth::{Scene, SynthConfig};
-use spindoe::vision::camera::{BallCircle, Pixel};
-use spindoe::vision::estimator::{
-    BallEstimate, BallTracks, BallsEstimator, Pose, Strobe, StrobeHypothesis, number_balls,
-};
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
-};
+use spindoe::vision::frame::Pose;
+use spindoe::vision::optics::camera::{BallCircle, Pixel};
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 /// An exposure with three flashes, before black, through a perfect camera, whose images share half of their diameter.
 fn exposure(seed: u64) -> Scene {
@@ -196,7 +195,7 @@ fn the_command_writes_the_truth_of_every_image() {
 }
 
 /// Estimators with the built-in nets.
-fn estimators(patterns: &[Pattern]) -> Vec<Estimator<NamedDetector>> {
+fn estimators(patterns: &[Pattern]) -> Vec<Estimator> {
     let one = |pattern: &Pattern| {
         let detector = DetectorName::Cnn.build().unwrap();
         Estimator::new(pattern, EstimatorConfig::default(), detector).unwrap()

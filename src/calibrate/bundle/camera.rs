@@ -16,8 +16,8 @@ use nalgebra::{Matrix2x3, Vector2};
 
 use super::MAX_INVERSE_DISTANCE;
 use crate::geometry::{Rotation, Vec3};
-use crate::vision::camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
-use crate::vision::estimator::CameraModel;
+use crate::vision::frame::config::CameraModel;
+use crate::vision::optics::camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
 
 /// Expected tangent of the angle between the camera's axis and the ball, per axis: balls stand anywhere
 /// in the inner half of a view of 50 degrees.

@@ -9,7 +9,7 @@ use super::motion::SPIN;
 use super::schur::{BLOCK, NormalEquations};
 use super::{Bundle, BundleFrame, DEGREES, Observation, Weighting, offset};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
-use crate::vision::camera::Pixel;
+use crate::vision::optics::camera::Pixel;
 
 /// Stiffness of the gauge's condition over the largest information of a dot.
 const GAUGE: f64 = 1e3;

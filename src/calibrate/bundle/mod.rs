@@ -38,8 +38,9 @@ pub(super) use camera::FrameView;
 use nalgebra::{Matrix2, Matrix3, Matrix6, Vector2};
 
 use crate::geometry::{Rotation, Vec3, kabsch, tangent_frame};
-use crate::vision::camera::{BallCircle, Pixel};
-use crate::vision::estimator::{CameraModel, Outline};
+use crate::vision::frame::config::CameraModel;
+use crate::vision::frame::outline::Outline;
+use crate::vision::optics::camera::{BallCircle, Pixel};
 use camera::{OPTICS, SHARED, SharedCamera};
 use motion::{MotionPrior, SPIN, TimedPose};
 use schur::{NormalEquations, Step};

@@ -15,7 +15,7 @@ use super::tidy::FACING;
 use super::{MIN_VIEWS, UnknownRejection};
 use crate::geometry::{Vec3, angle_between};
 use crate::stats::median;
-use crate::vision::detect::LIKELY_DOT;
+use crate::vision::dots::detector::LIKELY_DOT;
 
 /// A dot of the map so near a mark, radians or radii of the mark, is that mark; and one that is nearer than this is no other mark.
 const SAME: [f64; 2] = [0.09, 0.7];

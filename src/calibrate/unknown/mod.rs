@@ -42,7 +42,7 @@ pub use choice::KnownDots;
 pub use confirm::calibrate_built;
 pub use design::matching_design;
 
-pub use crate::vision::painted::SurfaceObserver;
+pub use crate::clip::painted::SurfaceObserver;
 use map::Map;
 use marks::{MiddleDisc, marks};
 use seen::Seen;

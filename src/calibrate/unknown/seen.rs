@@ -3,11 +3,11 @@
 use crate::calibrate::bundle::FrameView;
 use crate::geometry::{Rotation, Vec3};
 use crate::recognize::DotUncertainty;
-use crate::vision::DotDetection;
-use crate::vision::FrameEstimate;
-use crate::vision::camera::BallView;
-use crate::vision::detect::LIKELY_DOT;
-use crate::vision::estimator::{CameraModel, Outline};
+use crate::vision::dots::detector::LIKELY_DOT;
+use crate::vision::frame::config::CameraModel;
+use crate::vision::frame::outline::Outline;
+use crate::vision::optics::camera::BallView;
+use crate::vision::{DotDetection, FrameEstimate};
 
 /// Minimum depth (z over the horizon) of a detection that is used.
 pub(super) const MIN_DEPTH: f64 = 0.08;

@@ -9,8 +9,8 @@ use crate::calibrate::{
     Calibration, CalibrationConfig, KnownDots, MarkedSurface, calibrate, identify_frames,
 };
 use crate::cli::inputs;
+use crate::clip::batch::{Batch, BatchConfig, SequenceOutcome, estimate_inputs};
 use crate::error::{Error, Result};
-use crate::vision::estimator::{Batch, BatchConfig, SequenceOutcome, estimate_inputs};
 use crate::vision::{Estimator, FrameEstimate};
 
 /// A ball, and what the frames of a clip say of it.

@@ -12,7 +12,7 @@ use crate::cli::pipe::Pipe;
 use crate::error::{Error, Result};
 use crate::image::DEFAULT_MAX_PIXELS;
 use crate::source::Frame;
-use crate::vision::{NamedDetector, Prior};
+use crate::vision::Prior;
 
 /// Frames without a ball after which that is said.
 const EMPTY: u64 = 60;
@@ -73,7 +73,7 @@ pub(super) fn read(
 /// Takes frames in, and says what they show, until a pattern is confirmed; `None` where they end before.
 fn filmed(
     pipe: &mut Pipe,
-    clip: &mut LiveClip<NamedDetector>,
+    clip: &mut LiveClip,
     prior: &Prior,
     stop: &AtomicBool,
 ) -> Result<Option<LivePattern>> {

@@ -12,6 +12,7 @@ use clap::Args;
 
 use super::images::{ImageArguments, read_balls};
 use crate::calibrate::{CalibrationConfig, KnownDots};
+use crate::clip::batch::BatchConfig;
 use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
@@ -22,7 +23,6 @@ use crate::report::calibration::{
 use crate::source::pipe::PipeFormat;
 use crate::validate::check_samples;
 use crate::vision::EstimatorConfig;
-use crate::vision::estimator::BatchConfig;
 use marks::MarkNumbers;
 
 #[derive(Debug, Args)]

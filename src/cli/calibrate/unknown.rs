@@ -10,11 +10,11 @@ use crate::calibrate::{
     SurfaceObserver, Survey, UnknownRejection, calibrate_built, matching_design, survey,
 };
 use crate::cli::inputs;
+use crate::clip::batch::{BatchConfig, estimate_inputs};
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;
-use crate::vision::estimator::{BatchConfig, estimate_inputs};
 use crate::vision::painted::PaintedFrame;
-use crate::vision::{Estimator, FrameEstimate, NamedDetector};
+use crate::vision::{Estimator, FrameEstimate};
 
 /// What ball a clip shows.
 pub(super) enum UnknownBall {
@@ -52,10 +52,7 @@ impl BuiltClip {
 }
 
 /// An estimator for its detections only.
-pub(super) fn stand_in(
-    arguments: &Arguments,
-    config: &CalibrationConfig,
-) -> Result<Estimator<NamedDetector>> {
+pub(super) fn stand_in(arguments: &Arguments, config: &CalibrationConfig) -> Result<Estimator> {
     let pattern = SurfaceObserver::stand_in()?;
     Estimator::new(&pattern, config.estimator, arguments.images.detector()?)
 }

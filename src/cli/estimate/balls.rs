@@ -12,13 +12,15 @@ use super::{Arguments, Pictures, follow};
 use crate::cli::images::{order_warning, read_balls};
 use crate::cli::inputs;
 use crate::cli::output::Counter;
+use crate::clip::ball_tracks::BallTracks;
+use crate::clip::balls::BallsEstimator;
+use crate::clip::balls_batch::estimate_ball_inputs;
+use crate::clip::strobe::Strobe;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::spin::robust::SpinConfig;
-use crate::vision::NamedDetector;
-use crate::vision::estimator::{
-    BallTracks, BallsEstimator, Budget, CameraDistance, CameraModel, Strobe, estimate_ball_inputs,
-};
+use crate::vision::frame::config::{CameraDistance, CameraModel};
+use crate::vision::frame::prior::Budget;
 use report::{Report, ball_json, sort_from_left, strobe_json, strobe_numbers};
 
 /// A golf ball's radius over the distances of a launch monitor's camera, 0.4 to 0.6 m: their middle and a standard deviation.
@@ -117,7 +119,7 @@ fn strobe(arguments: &Arguments) -> Result<Option<Strobe>> {
 
 fn follow_balls(
     arguments: &Arguments,
-    estimator: &BallsEstimator<NamedDetector>,
+    estimator: &BallsEstimator,
     strobe: Option<&Strobe>,
 ) -> Result<()> {
     let shown_in = arguments.frame()?;

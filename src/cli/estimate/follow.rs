@@ -10,11 +10,12 @@ use serde_json::{Value, json};
 use super::{Arguments, output};
 use crate::cli::images::read_ball;
 use crate::cli::pipe::Pipe;
+use crate::clip::sequence::SequenceConfig;
+use crate::clip::tracker::{Tracker, TrackerConfig, TrackerState};
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
 use crate::image::ImageView;
 use crate::source::Frame;
-use crate::vision::estimator::{SequenceConfig, Tracker, TrackerConfig, TrackerState};
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let [table] = &arguments.table[..] else {

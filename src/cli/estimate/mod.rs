@@ -23,6 +23,12 @@ use super::inputs;
 use super::output::{Counter, one_of};
 use crate::ball::Ball;
 use crate::calibrate::{CalibrationConfig, calibrate};
+use crate::clip::balls::BallEstimate;
+use crate::clip::batch::{
+    Batch, BatchConfig, BatchObserver, FrameClock, SequenceOutcome, estimate_inputs,
+};
+use crate::clip::rolling::SequenceRows;
+use crate::clip::smears::SequenceSmears;
 use crate::error::{Error, Result, require};
 use crate::files;
 use crate::geometry::CameraFrame;
@@ -30,11 +36,8 @@ use crate::image::{DEFAULT_MAX_PIXELS, RgbImage};
 use crate::source::pipe::PipeFormat;
 use crate::spin::estimate::MotionModel;
 use crate::spin::golf::{self, Flight};
-use crate::vision::estimator::{
-    BallEstimate, Batch, BatchConfig, BatchObserver, CameraModel, FrameClock, SequenceOutcome,
-    SequenceRows, SequenceSmears, estimate_inputs,
-};
-use crate::vision::{Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use crate::vision::frame::config::CameraModel;
+use crate::vision::{Estimator, EstimatorConfig, FrameEstimate};
 use output::{Evidence, Report};
 use verdict::Judgment;
 
@@ -382,11 +385,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// pattern. A clip that cannot be calibrated keeps the estimates of the first, and that is said.
 fn calibrate_in_place(
     arguments: &Arguments,
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     config: &BatchConfig,
     pictures: &Pictures,
     batch: &mut Batch<Picture>,
-) -> Result<Estimator<NamedDetector>> {
+) -> Result<Estimator> {
     let frames: Vec<FrameEstimate> = batch.frames.iter().map(|f| f.estimate.clone()).collect();
     let times = batch.times_s();
     let settings = CalibrationConfig {
@@ -434,7 +437,7 @@ impl Arguments {
     /// The smears of the frames that have times, for spins in `frame`.
     fn smears(
         &self,
-        estimator: &Estimator<NamedDetector>,
+        estimator: &Estimator,
         frame: CameraFrame,
         batch: &Batch<Picture>,
     ) -> Option<SequenceSmears> {
@@ -443,12 +446,12 @@ impl Arguments {
     }
 
     /// One for each table.
-    fn estimators(&self) -> Result<Vec<Estimator<NamedDetector>>> {
+    fn estimators(&self) -> Result<Vec<Estimator>> {
         let balls = read_balls(&self.table)?;
         balls.iter().map(|ball| self.estimator(ball)).collect()
     }
 
-    fn estimator(&self, ball: &Ball) -> Result<Estimator<NamedDetector>> {
+    fn estimator(&self, ball: &Ball) -> Result<Estimator> {
         if !(0.0..=1.0).contains(&self.min_confidence) {
             let problem = format!("expected 0 to 1, found {}", self.min_confidence);
             return Err(Error::argument("--min-confidence", problem));

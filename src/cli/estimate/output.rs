@@ -7,12 +7,16 @@ use serde_json::{Value, json};
 
 use super::verdict::Judgment;
 use super::{Arguments, Picture};
-use crate::cli::inputs;
 use crate::cli::motion::Motion;
-use crate::cli::spin_summary;
 use crate::cli::spin_summary::LISTED_BEYOND;
+use crate::cli::{inputs, spin_summary};
+use crate::clip::batch::{Batch, BatchFrame, SequenceOutcome};
+use crate::clip::orientations;
+use crate::clip::orientations::NamedFrame;
+use crate::clip::rolling::SequenceRows;
+use crate::clip::smears::SequenceSmears;
 use crate::files::csv::shown;
-use crate::geometry::{CameraFrame, to_wxyz};
+use crate::geometry::{CameraFrame, to_wxyz, turned_covariance};
 use crate::spin::SpinRejection;
 use crate::spin::alias::{AliasConfig, SpinEvidence, Together};
 #[cfg(feature = "plot")]
@@ -21,11 +25,8 @@ use crate::spin::estimate::SpinEstimate;
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
-use crate::vision::estimator::{
-    Batch, BatchFrame, NamedFrame, OutlineSource, SequenceOutcome, SequenceRows, SequenceSmears,
-    orientations, turned_covariance,
-};
-use crate::vision::{FrameEstimate, NamedDetector, OffCenter};
+use crate::vision::frame::outline::OutlineSource;
+use crate::vision::{FrameEstimate, OffCenter};
 
 /// Fields of view along the longer side for which a cost is named, degrees: that of a 25 mm lens before a sensor of half an inch,
 /// and that of a phone.
@@ -60,7 +61,7 @@ struct Smeared {
 /// What beside the orientations speaks of the spin.
 pub(super) struct Evidence<'a> {
     pub smears: Option<&'a SequenceSmears>,
-    pub rows: Option<&'a SequenceRows<'a, NamedDetector>>,
+    pub rows: Option<&'a SequenceRows<'a>>,
 }
 
 impl Evidence<'_> {

@@ -6,13 +6,13 @@ use rayon::prelude::*;
 
 use super::video::VideoWriter;
 use super::{Picture, output};
+use crate::clip::batch::{BatchFrame, TimeSource};
 use crate::error::Result;
 use crate::files::Replacement;
 use crate::image::RgbImage;
 use crate::plot::{self, OverlayFrame, OverlayOutline};
-use crate::vision::camera::BallCircle;
-use crate::vision::estimator::{BatchFrame, TimeSource};
-use crate::vision::{Estimator, FrameEstimate, NamedDetector, Pixel};
+use crate::vision::optics::camera::BallCircle;
+use crate::vision::{Estimator, FrameEstimate, Pixel};
 
 /// Maximum side of a frame that is drawn whole, pixels; larger frames are cropped around the ball.
 const WHOLE: usize = 320;
@@ -44,11 +44,7 @@ pub(super) fn picture(
 }
 
 /// A ball that is drawn: its estimate, by which estimator, and its number where there are several.
-pub(super) type DrawnBall<'a> = (
-    &'a FrameEstimate,
-    &'a Estimator<NamedDetector>,
-    Option<usize>,
-);
+pub(super) type DrawnBall<'a> = (&'a FrameEstimate, &'a Estimator, Option<usize>);
 
 /// A frame with what is drawn on it; without a picture where none was kept.
 pub(super) fn drawn(
@@ -94,10 +90,7 @@ pub(super) fn drawn(
 }
 
 /// A frame of one ball.
-pub(super) fn one_ball(
-    estimator: &Estimator<NamedDetector>,
-    shown: &BatchFrame<Picture>,
-) -> OverlayFrame {
+pub(super) fn one_ball(estimator: &Estimator, shown: &BatchFrame<Picture>) -> OverlayFrame {
     let frame = &shown.estimate;
     let words = output::words(frame);
     drawn(&shown.name, words, &shown.kept, &[(frame, estimator, None)])

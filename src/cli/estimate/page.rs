@@ -4,17 +4,17 @@ use std::path::Path;
 
 use super::output::Report;
 use super::{Picture, overlay};
+use crate::clip::batch::Batch;
 use crate::error::Result;
 use crate::files;
 use crate::plot::frame_thumbnail;
 use crate::report::page::EstimatePage;
-use crate::vision::estimator::Batch;
-use crate::vision::{Estimator, NamedDetector};
+use crate::vision::Estimator;
 
 /// Writes the page of `batch`, with the spin that is reported of it.
 pub(super) fn write(
     path: &Path,
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     batch: &Batch<Picture>,
     report: &Report<'_>,
 ) -> Result<()> {

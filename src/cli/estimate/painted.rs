@@ -4,24 +4,20 @@ use serde_json::{Value, json};
 
 use super::{Arguments, output};
 use crate::ball::Ball;
-use crate::cli::inputs;
 use crate::cli::output::Counter;
-use crate::cli::spin_summary;
+use crate::cli::{inputs, spin_summary};
+use crate::clip::batch::{Batch, BatchFrame, BatchObserver, SequenceOutcome, estimate_inputs};
+use crate::clip::painted::SurfaceObserver;
 use crate::error::{Error, Result};
 use crate::files;
-use crate::geometry::{CameraFrame, to_wxyz};
+use crate::geometry::{CameraFrame, to_wxyz, turned_covariance};
 use crate::image::RgbImage;
 use crate::spin::SpinRejection;
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
-use crate::vision::estimator::{
-    Batch, BatchFrame, BatchObserver, SequenceOutcome, estimate_inputs, turned_covariance,
-};
-use crate::vision::painted::{
-    PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface, SurfaceObserver,
-};
+use crate::vision::painted::{PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface};
 
 /// Keeps what frames show of the paint.
 struct Shown {

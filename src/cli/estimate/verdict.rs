@@ -7,15 +7,13 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::Picture;
+use crate::clip::batch::{Batch, BatchConfig, BatchFrame};
+use crate::clip::verdict::{BallHypothesis, FrameScore, Scorer, Verdict, decide, mirrored_pattern};
 use crate::error::Result;
 use crate::recognize::RecognizerRejection;
 use crate::spin::Measurement;
 use crate::spin::robust::RobustEstimator;
-use crate::vision::estimator::{Batch, BatchConfig, BatchFrame};
-use crate::vision::verdict::{
-    BallHypothesis, FrameScore, Scorer, Verdict, decide, mirrored_pattern,
-};
-use crate::vision::{Estimator, FrameEstimate, FrameRejection, NamedDetector};
+use crate::vision::{Estimator, FrameEstimate, FrameRejection};
 
 /// Frames that have a say, spread over the clip.
 const MAX_FRAMES: usize = 64;
@@ -45,7 +43,7 @@ impl Judgment {
     /// Judges a batch that was estimated with the first of `estimators`. Where none fits, or the images are mirrored, no frame
     /// keeps its pose.
     pub fn of(
-        estimators: &[Estimator<NamedDetector>],
+        estimators: &[Estimator],
         tables: &[PathBuf],
         config: &BatchConfig,
         batch: &mut Batch<Picture>,
@@ -212,7 +210,7 @@ type Scored = (FrameScore, Option<Measurement>);
 
 /// What the frames say of a pattern.
 fn hypothesis(
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     table: usize,
     is_mirrored: bool,
     config: &BatchConfig,

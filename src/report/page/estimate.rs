@@ -5,6 +5,7 @@ use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
 
 use super::{Page, rounded};
+use crate::clip::batch::{Batch, BatchFrame, SequenceOutcome};
 use crate::design::KeepOut;
 use crate::error::Result;
 use crate::geometry::{CameraFrame, Rotation, to_wxyz};
@@ -15,7 +16,7 @@ use crate::spin::orientations::Orientations;
 use crate::spin::robust::standard_deviations;
 use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
-use crate::vision::estimator::{Batch, BatchFrame, FrameRejection, SequenceOutcome};
+use crate::vision::frame::estimate::FrameRejection;
 
 /// Bytes that the pictures of a page may take together: with all else it stays below 6 MB.
 const MAX_PICTURES: usize = 5_000_000;

@@ -7,10 +7,10 @@ use rand_distr::StandardNormal;
 
 use super::Symmetry;
 use crate::synth::Rendering;
-use crate::vision::camera::{BallCircle, Pixel};
-use crate::vision::net::detector::cell_center;
+use crate::vision::dots::net::cell_center;
+use crate::vision::dots::patch::Patch;
 use crate::vision::net::graph::CELLS;
-use crate::vision::patch::Patch;
+use crate::vision::optics::camera::{BallCircle, Pixel};
 
 /// Deviation of a dot's Gaussian in the heat map, in the patch's pixels (paper, Sec. III-A: 1.5 px
 /// at 60 x 60).

@@ -23,11 +23,11 @@ use super::dataset::frame_rng;
 use super::{Rendering, Scene, SynthConfig, SynthKind};
 use crate::design::random_pattern;
 use crate::error::Result;
-use crate::vision::camera::Pixel;
+use crate::vision::dots::patch::{MIDDLE, Patch, RADIUS, SIZE};
 use crate::vision::net::graph::Head;
 use crate::vision::net::network::{Activations, Network};
 use crate::vision::net::weights::{Calibration, Layer};
-use crate::vision::patch::{MIDDLE, Patch, RADIUS, SIZE};
+use crate::vision::optics::camera::Pixel;
 
 pub mod dots;
 pub mod outlines;
@@ -40,7 +40,7 @@ pub use score::DotScore;
 /// nobody can decide; columns and rows to the nearest dot, in the patch's pixels; their weight.
 pub const DOT_TARGETS: [&str; 5] = ["own", "elsewhere", "column", "row", "near"];
 /// Targets of a cell of the net for outlines: the signed distance from the outline, in
-/// [`UNIT`](crate::vision::net::outline::UNIT), and its weight.
+/// [`UNIT`](crate::vision::outline::net::UNIT), and its weight.
 pub const OUTLINE_TARGETS: [&str; 2] = ["distance", "weight"];
 /// Share of the frames that show something else than a dotted ball: there a net must find nothing.
 const DISTRACTOR_SHARE: f64 = 0.12;

@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use super::Symmetry;
 use crate::synth::Rendering;
-use crate::vision::camera::{BallCircle, Pixel};
-use crate::vision::net::detector::cell_center;
+use crate::vision::dots::net::cell_center;
+use crate::vision::dots::patch::{Framing, MIDDLE, Patch};
 use crate::vision::net::graph::CELLS;
-use crate::vision::net::outline::{REACH, UNIT, fit_cells, in_patch};
-use crate::vision::patch::{Framing, MIDDLE, Patch};
+use crate::vision::optics::camera::{BallCircle, Pixel};
+use crate::vision::outline::net::{REACH, UNIT, fit_cells, in_patch};
 
 /// Share of the samples that are far off.
 const FAR: f64 = 0.5;

@@ -5,7 +5,7 @@
 //! likelihood (J. Platt, 1999). The covariances are scaled by one factor, so that the median
 //! squared Mahalanobis length of the errors is that of two Gaussian dimensions, `2 ln 2`.
 
-use crate::vision::net::detector::{Peak, find_peaks};
+use crate::vision::dots::net::{Peak, find_peaks};
 use crate::vision::net::weights::Calibration;
 
 use super::dots::Sample;

@@ -28,84 +28,40 @@
 //! pixels    each named dot as a cap in the image itself, and the pose refined on these
 //! ```
 //!
-//! [`circle`](super::circle) finds outlines, [`Patch`] cuts the ball out, a [`DotDetector`] finds dots, [`BallView`] lays them
+//! [`circle`](super::outline::circle) finds outlines, [`Patch`] cuts the ball out, a [`DotDetector`] finds dots, [`BallView`] lays them
 //! on the sphere; their covariance is the detector's and that of the hand that drew them. The refinement fits the orientation
 //! to the dots in the image, and takes up those that only now have a name.
 //!
 //! # What is promised
 //! A frame is answered where the pose's probability is at least [`EstimatorConfig::min_confidence`], else
-//! it has a [`FrameRejection`]: nothing is guessed. The same image gives the same answer whatever was seen before, but for the
+//! it has a [`FrameRejection`](crate::vision::FrameRejection): nothing is guessed. The same image gives the same answer whatever was seen before, but for the
 //! hint that one may give. After the first frames of a size, the estimator allocates nothing.
 //!
 //! Orientations map the pattern's frame to the camera's (x right, y up, z towards the camera).
 
-mod ball_tracks;
-mod balls;
-mod balls_batch;
-mod batch;
-mod config;
-mod crop;
-mod dense;
-mod frame;
-mod identify;
-mod locate;
-mod orientations;
-mod path;
-mod prior;
-mod propose;
-mod recenter;
-mod refine;
-mod rolling;
-mod search;
-mod sequence;
-mod sequence_view;
-mod sharpen;
-mod smears;
-mod strobe;
-mod tracker;
-mod trust;
-mod whole;
-
-pub use super::outline::{Outline, OutlineSource};
-pub use ball_tracks::{BallTracks, NumberedBalls, missing_balls, number_balls};
-pub use balls::{BallEstimate, BallsEstimator, BallsWorkspace};
-pub use balls_batch::{BallsBatch, BallsFrame, estimate_ball_inputs};
-pub use batch::{
-    Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
-    estimate_inputs,
-};
-pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};
-use frame::Standing;
-pub use frame::{FrameEstimate, FrameRejection, Hypothesis, Pose, Timings};
-pub use orientations::{NamedFrame, orientations, turned_covariance};
-pub use prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
-pub use rolling::{SequenceRows, seen_times};
-pub use sequence::{
-    FrameInDoubt, ImageResults, ImageWork, SequenceConfig, SequenceSummary, estimate_passes,
-    estimate_sequence, estimate_spin, frames_in_doubt, held_images, second_pass,
-};
-pub use sequence_view::SequenceView;
-pub use smears::SequenceSmears;
-pub(crate) use strobe::check_flashes;
-pub use strobe::{Strobe, StrobeHypothesis};
-pub use tracker::{Tracker, TrackerConfig, TrackerState};
-pub use trust::{
-    DENSE_FEATURES, DenseEvidence, FEATURES, PoseEvidence, TrustMap, WHOLE_FEATURES, WholeEvidence,
-};
+pub(crate) mod propose;
+pub(crate) mod search;
 
 use std::sync::OnceLock;
 
 use nalgebra::Matrix3;
 
-use super::camera::{BallCircle, BallView, Camera, Intrinsics};
-use super::cap::CapFitter;
-use super::circle::coarse::CoarseSearch;
-use super::dense::{DenseMatcher, DenseWorkspace, Heat};
-use super::detect::{DotDetection, DotDetector};
-use super::net::OutlineNet;
-use super::patch::Patch;
-use super::rim::RimFitter;
-use super::whole::{PlacedDot, WholeWorkspace};
+use super::dots::cap::CapFitter;
+use super::dots::detector::{DetectorWorkspace, DotDetection, DotDetector};
+use super::dots::heat::Heat;
+use super::dots::patch::Patch;
+use super::frame::config::{CameraModel, EstimatorConfig};
+use super::frame::estimate::{EXPECTED_DOTS, FrameEstimate};
+use super::frame::prior::Spending;
+use super::optics::camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
+use super::outline::circle::coarse::CoarseSearch;
+use super::outline::locate::Locator;
+use super::outline::net::OutlineNet;
+use super::outline::rim::RimFitter;
+use super::pose::dense::{DenseMatcher, DenseWorkspace};
+use super::pose::pixels::{PlacedDot, WholeWorkspace};
+use super::pose::recenter::{Recentered, Recentering};
+use super::pose::refine::{Match, Placement, Refiner};
 use crate::ball::Ball;
 use crate::error::Result;
 use crate::geometry::Vec3;
@@ -113,74 +69,67 @@ use crate::pattern::Pattern;
 use crate::recognize::Recognizer;
 use crate::recognize::robust::{RobustConfig, RobustRecognizer, RobustWorkspace};
 use crate::view::{FalseDots, ObservedDot, ViewModel};
-use identify::{CLEAR, DISAGREEMENT, PROMISING, is_mirrored};
-use locate::Locator;
-use prior::Spending;
 use propose::Places;
-use recenter::{Recentered, Recentering};
-use refine::{Match, Placement, Refiner};
 use search::Images;
 
 /// The estimator: a pattern, a camera, a detector and the settings of everything between.
 #[derive(Debug, Clone)]
-pub struct Estimator<D> {
-    ball: Ball,
-    detector: D,
+pub struct Estimator {
+    pub(crate) ball: Ball,
+    pub(crate) detector: DotDetector,
     /// For the likely detections, and for all.
-    recognizers: [RobustRecognizer; 2],
-    refiner: Refiner,
+    pub(crate) recognizers: [RobustRecognizer; 2],
+    pub(crate) refiner: Refiner,
     /// Made when a frame first asks for it.
-    dense: OnceLock<DenseMatcher>,
+    pub(crate) dense: OnceLock<DenseMatcher>,
     /// Where the method uses it.
-    outline_net: Option<OutlineNet>,
+    pub(crate) outline_net: Option<OutlineNet>,
     /// Variance per tangent axis of the drawn dots' places that every observed dot is given, rad^2.
-    placement_variance: f64,
-    config: EstimatorConfig,
+    pub(crate) placement_variance: f64,
+    pub(crate) config: EstimatorConfig,
 }
 
 /// Working memory of an [`Estimator`], one a thread.
 #[derive(Debug)]
-pub struct EstimatorWorkspace<W> {
-    images: Images,
-    places: Places,
+pub struct EstimatorWorkspace {
+    pub(crate) images: Images,
+    pub(crate) places: Places,
     /// At a coarse scale; the second for smaller balls.
-    searches: [CoarseSearch; 2],
+    pub(crate) searches: [CoarseSearch; 2],
     /// The estimate at a place.
-    there: FrameEstimate,
+    pub(crate) there: FrameEstimate,
     /// That for an outline there.
-    within: FrameEstimate,
-    spending: Spending,
-    locator: Locator,
+    pub(crate) within: FrameEstimate,
+    pub(crate) spending: Spending,
+    pub(crate) locator: Locator,
     /// Only where the camera's intrinsics are known.
-    recentering: Recentering,
+    pub(crate) recentering: Recentering,
     /// How the ball of the last patch was recentered.
-    recentered: Option<Recentered>,
-    patch: Patch,
+    pub(crate) recentered: Option<Recentered>,
+    pub(crate) patch: Patch,
     /// Outlines of other balls over that in hand, pixels of the frame, and whether they add light rather than hide it.
-    covers: Vec<BallCircle>,
-    covers_add: bool,
-    detector: W,
-    recognizer: RobustWorkspace,
-    dense: DenseWorkspace,
-    heat: Heat,
-    whole: WholeWorkspace,
-    placed: Vec<PlacedDot>,
+    pub(crate) covers: Vec<BallCircle>,
+    pub(crate) covers_add: bool,
+    pub(crate) detector: DetectorWorkspace,
+    pub(crate) recognizer: RobustWorkspace,
+    pub(crate) dense: DenseWorkspace,
+    pub(crate) heat: Heat,
+    pub(crate) whole: WholeWorkspace,
+    pub(crate) placed: Vec<PlacedDot>,
     /// The dots handed to the recognizer, and their detections.
-    observed: Vec<ObservedDot>,
-    indices: Vec<usize>,
-    matches: Vec<Match>,
-    caps: CapFitter,
-    rim: RimFitter,
+    pub(crate) observed: Vec<ObservedDot>,
+    pub(crate) indices: Vec<usize>,
+    pub(crate) matches: Vec<Match>,
+    pub(crate) caps: CapFitter,
+    pub(crate) rim: RimFitter,
     /// The dots of a pose and their names, before they are sharpened.
-    detected: Vec<DotDetection>,
-    named: Vec<Option<u16>>,
+    pub(crate) detected: Vec<DotDetection>,
+    pub(crate) named: Vec<Option<u16>>,
 }
 
 /// Standard deviation per tangent axis of what a measured dot's middle does beyond its covariance, radians:
 /// ink and light change from view to view.
 const MEASURED_DOT: f64 = 0.004;
-/// More detections than either detector gives for a ball: capacity for as many is reserved beforehand.
-const EXPECTED_DOTS: usize = 256;
 
 /// Covariances of measured dots as an image shows them, rad^2, pattern frame.
 fn measured_dots(dots: &[Vec3], covariances: &[Matrix3<f64>]) -> Vec<Matrix3<f64>> {
@@ -192,12 +141,16 @@ fn measured_dots(dots: &[Vec3], covariances: &[Matrix3<f64>]) -> Vec<Matrix3<f64
     .collect()
 }
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// An estimator for balls with this pattern.
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
-    pub fn new(pattern: &Pattern, config: EstimatorConfig, detector: D) -> Result<Self> {
+    pub fn new(
+        pattern: &Pattern,
+        config: EstimatorConfig,
+        detector: impl Into<DotDetector>,
+    ) -> Result<Self> {
         Self::for_ball(&Ball::new(pattern.clone()), config, detector)
     }
 
@@ -206,16 +159,20 @@ impl<D: DotDetector> Estimator<D> {
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
-    pub fn for_ball(ball: &Ball, config: EstimatorConfig, detector: D) -> Result<Self> {
-        Self::with_net(ball, config, detector, config.outline.net()?)
+    pub fn for_ball(
+        ball: &Ball,
+        config: EstimatorConfig,
+        detector: impl Into<DotDetector>,
+    ) -> Result<Self> {
+        Self::with_net(ball, config, detector.into(), config.outline.net()?)
     }
 
     /// As [`Estimator::for_ball`], with the net for outlines at hand: another ball does not read it
     /// anew.
-    fn with_net(
+    pub(crate) fn with_net(
         ball: &Ball,
         config: EstimatorConfig,
-        detector: D,
+        detector: DotDetector,
         outline_net: Option<OutlineNet>,
     ) -> Result<Self> {
         config.check()?;
@@ -257,10 +214,7 @@ impl<D: DotDetector> Estimator<D> {
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
-    pub fn for_pattern(&self, pattern: &Pattern) -> Result<Self>
-    where
-        D: Clone,
-    {
+    pub fn for_pattern(&self, pattern: &Pattern) -> Result<Self> {
         let (detector, net) = (self.detector.clone(), self.outline_net.clone());
         Self::with_net(&Ball::new(pattern.clone()), self.config, detector, net)
     }
@@ -281,7 +235,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// A new workspace.
-    pub fn workspace(&self) -> EstimatorWorkspace<D::Workspace> {
+    pub fn workspace(&self) -> EstimatorWorkspace {
         EstimatorWorkspace {
             images: Images::default(),
             places: Places::default(),
@@ -312,7 +266,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// The camera's intrinsics, where they are known.
-    fn intrinsics(&self) -> Option<Intrinsics> {
+    pub(crate) fn intrinsics(&self) -> Option<Intrinsics> {
         match self.config.camera {
             CameraModel::Known(Camera::Perspective(intrinsics)) => Some(intrinsics),
             _ => None,
@@ -320,7 +274,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// The view of a frame's ball.
-    fn view(&self, frame: &FrameEstimate) -> Option<BallView> {
+    pub(crate) fn view(&self, frame: &FrameEstimate) -> Option<BallView> {
         self.config.camera.view_of(frame)
     }
 
@@ -339,7 +293,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// Where the pattern's dots in sight are expected in a frame with a pose: number, pixel and z.
-    pub fn expected_dots(&self, frame: &FrameEstimate) -> Vec<(u16, super::Pixel, f64)> {
+    pub fn expected_dots(&self, frame: &FrameEstimate) -> Vec<(u16, Pixel, f64)> {
         let (Some(pose), Some(view)) = (frame.pose(), self.view(frame)) else {
             return Vec::new();
         };

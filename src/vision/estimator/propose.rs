@@ -4,7 +4,7 @@
 //! before have given no answer:
 //!
 //! - the outline that is given, or the surroundings of the one that is expected, then what lies farther around it;
-//! - in a large image, rough circles from a [coarse search](crate::vision::circle::coarse): those whose rim is nearly whole, and
+//! - in a large image, rough circles from a [coarse search](crate::vision::outline::circle::coarse): those whose rim is nearly whole, and
 //!   moving ones; then what they outshone, and all others (beside a lamp or a white disc most of the others are made of its
 //!   edges, and to refuse one of these takes as long as to find the ball); then the circles of the image without nets, cords and other
 //!   thin things; last the surroundings of the circle whose dots came nearest to an answer, by all edges;
@@ -16,26 +16,23 @@
 
 use std::time::Instant;
 
-use super::frame::Standing;
-use super::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
-use super::{Estimator, EstimatorWorkspace, FrameEstimate, Outline, PROMISING};
+use super::{Estimator, EstimatorWorkspace};
 use crate::image::{ImageView, Roi};
-use crate::vision::camera::BallCircle;
-use crate::vision::circle::WHOLE;
-use crate::vision::circle::coarse::{self, CoarseSearch, MAX_CIRCLES};
-use crate::vision::detect::DotDetector;
-use crate::vision::grid::Grid;
+use crate::vision::frame::estimate::{FrameEstimate, Standing};
+use crate::vision::frame::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
+use crate::vision::optics::camera::BallCircle;
+use crate::vision::optics::grid::Grid;
+use crate::vision::outline::circle::WHOLE;
+use crate::vision::outline::circle::coarse::{self, CoarseSearch, MAX_CIRCLES};
+use crate::vision::outline::place::{Place, SURROUNDINGS, level_of};
+use crate::vision::pose::identify::PROMISING;
 
 /// A ball that is not where it is expected is looked for within so many radii, if it may be so far off.
-pub(super) const NEARBY: f64 = 4.5;
-/// What is cut out around a circle, in radii: what the net for outlines sees, and a rough circle's error.
-const SURROUNDINGS: f64 = 1.8;
-/// Larger balls, radii in pixels, are looked at at a smaller scale: it has all that the detectors see.
-const MAX_NEAR: f64 = 250.0;
+pub(crate) const NEARBY: f64 = 4.5;
 /// Images with a longer side beyond this, pixels, are searched at a coarse scale first.
-pub(super) const LARGE: usize = 240;
+pub(crate) const LARGE: usize = 240;
 /// Images of more pixels are searched by all edges at a smaller scale: they are halved until they have no more than the second.
-pub(super) const MAX_THOROUGH: usize = 4_000_000;
+pub(crate) const MAX_THOROUGH: usize = 4_000_000;
 const MAX_SHRUNK: f64 = 1_100_000.0;
 /// How much finer a very large image is searched: for balls of 40 pixels in one of 3840 x 2160.
 const HALVINGS: u32 = 2;
@@ -48,38 +45,9 @@ const MIN_STRIP: usize = 4;
 /// Steps of the longest plan: the expected place, and four steps for each of four hunts.
 const MAX_STEPS: usize = 24;
 
-/// Where an outline is looked for, in the frame's pixels.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Place {
-    /// It is known.
-    Known(Outline),
-    /// It is near a circle.
-    Near(BallCircle),
-    /// It is anywhere in a part.
-    Within(Roi),
-}
-
-impl Place {
-    /// The part of the image that is converted, and how often it is halved; `None` where nothing of it can be seen.
-    pub fn part(&self, image: &ImageView<'_>) -> Option<(Roi, u32)> {
-        let (width, height) = (image.width(), image.height());
-        match self {
-            Self::Known(outline) => {
-                let part = outline.circle.region(SURROUNDINGS, width, height);
-                Some((part.unwrap_or(Roi::whole(width, height)), 0))
-            }
-            Self::Near(circle) => {
-                let level = level_of(circle.radius, MAX_NEAR);
-                Some((circle.region(SURROUNDINGS, width, height)?, level))
-            }
-            Self::Within(part) => Some((*part, 0)),
-        }
-    }
-}
-
 /// A place, and what an outline there is worth before its dots are seen.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Proposal {
+pub(crate) struct Proposal {
     pub place: Place,
     pub standing: Standing,
 }
@@ -182,14 +150,9 @@ fn smallest(level: u32) -> f64 {
     MIN_COARSE * f64::from(1u32 << level)
 }
 
-/// How often a length is halved until it is no more than another.
-fn level_of(length: f64, most: f64) -> u32 {
-    (length / most).log2().ceil().max(0.0) as u32
-}
-
 /// The plan for a frame, and how far it has been carried out. Its memory is reused.
 #[derive(Debug, Default)]
-pub(super) struct Places {
+pub(crate) struct Places {
     steps: Vec<Step>,
     begun: usize,
     /// Those of the step in hand.
@@ -333,14 +296,14 @@ impl Places {
     }
 }
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// The next place to try; `so_far` is the best of those before.
-    pub(super) fn next_place(
+    pub(crate) fn next_place(
         &self,
         image: &ImageView<'_>,
         so_far: &FrameEstimate,
         places: &mut Places,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
     ) -> Option<Proposal> {
         while !ws.spending.is_over() {
             if let Some(proposal) = places.proposals.get(places.tried) {
@@ -375,7 +338,7 @@ impl<D: DotDetector> Estimator<D> {
         image: &ImageView<'_>,
         part: &Roi,
         places: &mut Places,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
     ) {
         let pixels = (part.width * part.height) as f64;
         let level = level_of(pixels.sqrt(), MAX_SHRUNK.sqrt());

@@ -1,4 +1,4 @@
-//! A frame's way from pixels to an answer: [places](super::propose) are tried, and [outlines](super::locate) at each, the likeliest
+//! A frame's way from pixels to an answer: [places](super::propose) are tried, and [outlines](crate::vision::outline::locate) at each, the likeliest
 //! first, until the dots are clear or the budget is spent.
 //!
 //! Guarantees: outlines and dots are given in the pixels of the whole image, whatever part of it was
@@ -6,22 +6,20 @@
 
 use std::time::Instant;
 
-use super::crop::Crop;
-use super::frame::Standing;
-use super::identify::Detections;
-use super::locate::{Candidate, Shape};
-use super::prior::{Budget, OutlinePrior, Prior, Spending};
-use super::propose::{Place, Proposal};
-use super::{
-    CLEAR, Estimator, EstimatorWorkspace, FrameEstimate, FrameRejection, PROMISING, Pose,
-    is_mirrored,
-};
+use super::propose::Proposal;
+use super::{Estimator, EstimatorWorkspace};
 use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 use crate::recognize::Hint;
-use crate::vision::camera::BallCircle;
-use crate::vision::circle::NoBall;
-use crate::vision::detect::{DotDetector, LIKELY_DOT};
-use crate::vision::grid::Grid;
+use crate::vision::dots::detector::LIKELY_DOT;
+use crate::vision::frame::estimate::{FrameEstimate, FrameRejection, Pose, Standing, is_mirrored};
+use crate::vision::frame::prior::{Budget, OutlinePrior, Prior, Spending};
+use crate::vision::optics::camera::BallCircle;
+use crate::vision::optics::crop::Crop;
+use crate::vision::optics::grid::Grid;
+use crate::vision::outline::circle::NoBall;
+use crate::vision::outline::locate::{Candidate, Shape};
+use crate::vision::outline::place::Place;
+use crate::vision::pose::identify::{CLEAR, Detections, PROMISING};
 
 /// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
 const MIN_LIKELY_DOTS: usize = 5;
@@ -33,7 +31,7 @@ const CERTAIN: f64 = 0.99;
 
 /// The images that a frame is converted into; their memory is reused.
 #[derive(Debug, Default)]
-pub(super) struct Images {
+pub(crate) struct Images {
     /// A part of the frame, or the frame itself where it came as bytes.
     part_gray: GrayImage,
     part_color: RgbImage,
@@ -41,7 +39,7 @@ pub(super) struct Images {
     pub gray: GrayImage,
 }
 
-impl<D: DotDetector> Estimator<D> {
+impl Estimator {
     /// Estimates a frame. Outlines are proposed where the prior expects the ball, the likeliest first; dots are found within
     /// and identified, until a pose is clear or the budget is spent.
     ///
@@ -51,20 +49,20 @@ impl<D: DotDetector> Estimator<D> {
         image: impl Into<ImageView<'a>>,
         prior: &Prior,
         budget: &Budget,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         self.estimate_standing(image.into(), prior, Standing::Likely, budget, ws, out);
     }
 
     /// As [`Estimator::estimate`], where the outline of the prior is worth so much before its dots are seen.
-    pub(super) fn estimate_standing(
+    pub(crate) fn estimate_standing(
         &self,
         image: ImageView<'_>,
         prior: &Prior,
         standing: Standing,
         budget: &Budget,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         ws.spending = Spending::of(*budget);
@@ -111,7 +109,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         image: impl Into<ImageView<'a>>,
         outline: Option<&OutlinePrior>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         let image = image.into();
@@ -136,13 +134,13 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// Hands a part of a frame, halved so often, to `work`, converted. The workspace's images are away meanwhile.
-    pub(super) fn viewed(
+    pub(crate) fn viewed(
         &self,
         image: ImageView<'_>,
         part: &Roi,
         level: u32,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        work: impl FnOnce(Crop<'_>, &mut EstimatorWorkspace<D::Workspace>),
+        ws: &mut EstimatorWorkspace,
+        work: impl FnOnce(Crop<'_>, &mut EstimatorWorkspace),
     ) {
         let mut images = std::mem::take(&mut ws.images);
         let is_whole = *part == Roi::whole(image.width(), image.height());
@@ -174,7 +172,7 @@ impl<D: DotDetector> Estimator<D> {
         image: ImageView<'_>,
         proposal: &Proposal,
         hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         out.clear();
@@ -229,7 +227,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         crop: &Crop<'_>,
         hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         other: &mut FrameEstimate,
         out: &mut FrameEstimate,
     ) {
@@ -252,7 +250,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         crop: &Crop<'_>,
         place: &Place,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<Candidate> {
         let begun = Instant::now();
@@ -276,7 +274,7 @@ impl<D: DotDetector> Estimator<D> {
         crop: &Crop<'_>,
         candidate: &Candidate,
         hint: Option<&Hint>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         self.find_dots(crop, candidate, ws, out);
@@ -308,12 +306,7 @@ impl<D: DotDetector> Estimator<D> {
     }
 
     /// Finds the dots of the last patch anew, by the detector's second look.
-    fn look_again(
-        &self,
-        crop: &Crop<'_>,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
-        out: &mut FrameEstimate,
-    ) {
+    fn look_again(&self, crop: &Crop<'_>, ws: &mut EstimatorWorkspace, out: &mut FrameEstimate) {
         let begun = Instant::now();
         let (dots, heat) = (&mut out.dots, &mut ws.heat);
         self.detector
@@ -332,7 +325,7 @@ impl<D: DotDetector> Estimator<D> {
         &self,
         crop: &Crop<'_>,
         candidate: &Candidate,
-        ws: &mut EstimatorWorkspace<D::Workspace>,
+        ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
         let begun = Instant::now();
@@ -396,9 +389,9 @@ fn is_nearer(there: &FrameEstimate, so_far: &FrameEstimate, standing: Standing) 
 }
 
 /// Whether the dots alone are evidence of a ball, where the circle is none: by the recognizer's own probability,
-/// which leaves it to [`TrustMap`](super::TrustMap) what an accepted pose is worth; where all places were
+/// which leaves it to [`TrustMap`](crate::vision::pose::trust::TrustMap) what an accepted pose is worth; where all places were
 /// weighed, there is no other than the map's.
-pub(super) fn is_evident(frame: &FrameEstimate) -> bool {
+pub(crate) fn is_evident(frame: &FrameEstimate) -> bool {
     let last = frame.hypotheses().next_back().map(|h| &h.evidence);
     let of_dots = |pose: &Pose| match last {
         Some(evidence) if evidence.is_of_detections() => evidence.confidence,

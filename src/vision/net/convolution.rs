@@ -14,7 +14,7 @@ use fearless_simd::{Simd, f32x8};
 
 use super::graph::{Convolution, Graph, Head, Shape, Step};
 use super::weights::Layer;
-use crate::vision::patch;
+use crate::vision::dots::patch;
 
 /// Output channels in a vector.
 const LANES: usize = 8;
@@ -73,7 +73,7 @@ const fn depth(channels: usize) -> usize {
 
 /// A value: pixel by pixel, channels together, with its border.
 #[derive(Debug, Clone)]
-pub(super) struct FeatureMap {
+pub(crate) struct FeatureMap {
     side: usize,
     depth: usize,
     numbers: Vec<f32>,
@@ -144,7 +144,7 @@ impl FeatureMap {
 
 /// A convolution with its weights in the order in which they are used.
 #[derive(Debug, Clone)]
-pub(super) struct PackedConvolution {
+pub(crate) struct PackedConvolution {
     shape: Convolution,
     /// Vectors of output channels that one pass computes.
     vectors: usize,

@@ -5,7 +5,7 @@
 //! where one value sees the whole ball and can distinguish a logo from dots. It comes back to a half, where a dot
 //! is some three cells wide. A multiplication with its addition counts as two operations.
 
-use crate::vision::patch;
+use crate::vision::dots::patch;
 
 /// Cells along a side of the net's output.
 pub const CELLS: usize = patch::SIZE / 2;
@@ -85,7 +85,7 @@ impl std::str::FromStr for Head {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(usize)]
 pub enum OutlineChannel {
-    /// The cell's signed distance from the outline, outwards, in [`super::outline::UNIT`].
+    /// The cell's signed distance from the outline, outwards, in [`crate::vision::outline::net::UNIT`].
     Distance,
     /// ln of the inverse of its standard deviation, in the same unit.
     LnPrecision,

@@ -10,19 +10,14 @@
 //! - [`graph`]: the layers and how they are joined,
 //! - [`weights`]: the numbers, as a NumPy archive,
 //! - [`network`]: both together, run on one thread,
-//! - [`detector`]: from heat map to dots,
 //! - [`onnx`]: the same net for other programs.
 //!
 //! `python/train` makes the weights, of samples that [`synth::training`](crate::synth::training) draws.
 
 mod convolution;
-pub mod detector;
 pub mod graph;
 pub mod network;
 pub mod onnx;
-pub mod outline;
 pub mod weights;
 
-pub use detector::{CnnDetector, CnnWorkspace};
-pub use outline::OutlineNet;
 pub use weights::Weights;

@@ -9,7 +9,7 @@ use super::convolution::{FeatureMap, PackedConvolution};
 use super::graph::{CELLS, Head, Step};
 use super::weights::Layer;
 use crate::error::{Error, Result};
-use crate::vision::patch::{Patch, SIZE};
+use crate::vision::dots::patch::{Patch, SIZE};
 
 /// The net's weights, ready to run.
 #[derive(Debug, Clone)]

@@ -1,6 +1,6 @@
 //! The net as an ONNX file, for estimators in Python or C++.
 //!
-//! Input `patches`: float (n, 1, 64, 64), cut and scaled as [`crate::vision::patch`] says. Outputs:
+//! Input `patches`: float (n, 1, 64, 64), cut and scaled as [`crate::vision::dots::patch`] says. Outputs:
 //! `cells`, float (n, 6, 32, 32), whose channels are those of [`Channel`](super::graph::Channel),
 //! and `probability`, float (n, 1, 32, 32), the calibrated probability of a dot. The calibration
 //! also stands in the model's metadata. Messages are those of the ONNX specification (onnx.proto,
@@ -10,7 +10,7 @@ use prost::Message;
 
 use super::graph::{CELLS, Convolution, Step};
 use super::weights::Weights;
-use crate::vision::patch::SIZE;
+use crate::vision::dots::patch::SIZE;
 
 /// ONNX's version of its own format.
 const IR_VERSION: i64 = 8;

@@ -6,9 +6,9 @@
 use super::face::{Face, Samples};
 use super::frame::PaintedFrame;
 use crate::image::GrayImage;
-use crate::vision::blob::flatten::{Flat, Shading};
-use crate::vision::camera::{BallView, Pixel};
-use crate::vision::patch::{Patch, SIZE};
+use crate::vision::dots::blob::flatten::{Flat, Shading};
+use crate::vision::dots::patch::{Patch, SIZE};
+use crate::vision::optics::camera::{BallView, Pixel};
 
 /// The bare surface is no darker, over the spread of the brightness.
 const DARKEST: f32 = 0.1;
@@ -17,7 +17,7 @@ const DARK: f32 = 0.1;
 
 /// Takes faces of bare balls with dots.
 #[derive(Debug)]
-pub(super) struct BareFaceMaker {
+pub(crate) struct BareFaceMaker {
     shading: Shading,
 }
 

@@ -36,7 +36,7 @@ struct Row {
 
 /// Which surface the frames are fitted to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Paint {
+pub(crate) enum Paint {
     /// The one that they show: it is fitted with them.
     Own,
     /// A known one.
@@ -44,7 +44,7 @@ pub(super) enum Paint {
 }
 
 /// One step: the rotations of the frames `asked` are moved; how what the views share is to be moved is returned.
-pub(super) fn step(
+pub(crate) fn step(
     grid: &Grid,
     surface: &Surface,
     paint: Paint,

@@ -7,8 +7,8 @@ use super::frame::PaintedFrame;
 use super::steady::steady;
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3};
-use crate::vision::camera::{BallCircle, BallView, Camera};
-use crate::vision::estimator::CameraModel;
+use crate::vision::frame::config::CameraModel;
+use crate::vision::optics::camera::{BallCircle, BallView, Camera};
 
 /// Steps of the differences by what the views share.
 const STEP: f64 = 1e-4;
@@ -16,13 +16,13 @@ const STEP: f64 = 1e-4;
 /// found outlines too small by up to 8 % in the middle of a clip (`bench painted --seed 35400002`).
 const SHIFTS: [f64; 3] = [0.03, 0.03, 0.05];
 /// Standard deviation of what is not to move.
-pub(super) const FIXED: f64 = 1e-6;
+pub(crate) const FIXED: f64 = 1e-6;
 /// Outlines are shifted by no more, radii.
 const MOST: f64 = 0.25;
 
 /// Frames, their outlines and the camera.
 #[derive(Debug)]
-pub(super) struct Clip<'a> {
+pub(crate) struct Clip<'a> {
     frames: &'a [PaintedFrame],
     /// The outlines, and the standard deviations of their centers, pixels.
     circles: Vec<Option<(BallCircle, f64)>>,
@@ -37,7 +37,7 @@ pub(super) struct Clip<'a> {
 
 /// Something that all views share: how far it is from what was expected before any frame was seen, and the standard deviation of that.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Shared {
+pub(crate) struct Shared {
     pub off: f64,
     pub sigma: f64,
 }
@@ -160,7 +160,7 @@ impl<'a> Clip<'a> {
 }
 
 /// How directions move with what all views share.
-pub(super) struct Moved {
+pub(crate) struct Moved {
     own: BallView,
     others: [BallView; 4],
 }

@@ -4,7 +4,7 @@
 //! Analysis, 2004, chapter 4). What lies outside the ball may be anything: a finger comes over the limb.
 
 /// The cells of a picture of `side` a row that a disc of `radius` cells covers, which lies wholly in what is not `light`.
-pub(super) fn opened(light: &[bool], side: usize, radius: f64) -> Vec<bool> {
+pub(crate) fn opened(light: &[bool], side: usize, radius: f64) -> Vec<bool> {
     let middles: Vec<bool> = near(light, side, radius).iter().map(|is| !is).collect();
     near(&middles, side, radius)
 }

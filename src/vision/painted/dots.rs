@@ -1,6 +1,6 @@
 //! Dots whose places on the ball are known, by the pixels of one frame.
 //!
-//! A detector finds what looks like a dot to it; where a dot must be seen, its cap ([`cap`](crate::vision::cap)) is fitted whether it was detected
+//! A detector finds what looks like a dot to it; where a dot must be seen, its cap ([`cap`](crate::vision::dots::cap)) is fitted whether it was detected
 //! or not.
 
 use nalgebra::Matrix2;
@@ -8,9 +8,9 @@ use nalgebra::Matrix2;
 use super::frame::PaintedFrame;
 use crate::geometry::{Vec3, tangent_frame};
 use crate::stats::quantile;
-use crate::vision::ball_pixels::BallPixels;
-use crate::vision::camera::{BallView, Pixel};
-use crate::vision::cap::{CapFitter, CapShape};
+use crate::vision::dots::cap::{CapFitter, CapShape};
+use crate::vision::optics::ball_pixels::BallPixels;
+use crate::vision::optics::camera::{BallView, Pixel};
 
 /// A dot that a frame should show.
 #[derive(Debug, Clone, Copy)]

@@ -8,7 +8,7 @@
 use super::cover::opened;
 use super::frame::PaintedFrame;
 use crate::geometry::{Vec3, spiral_directions};
-use crate::vision::camera::{BallView, Pixel};
+use crate::vision::optics::camera::{BallView, Pixel};
 
 /// Values along the ball's diameter, at least and at most: a picture has no more than the image.
 const SIDE: [f64; 2] = [24.0, 128.0];
@@ -65,11 +65,11 @@ pub struct Face {
     /// Standard deviation of the outline's center over the radius: turns about x and y that it feigns, radians.
     center_sigma: f64,
     /// What hides the ball, one a value; empty where that is not known.
-    pub(super) covered: Vec<bool>,
+    pub(crate) covered: Vec<bool>,
 }
 
 /// Values over the ball's near side, as a [`Face`] has them.
-pub(super) struct Samples {
+pub(crate) struct Samples {
     pub values: Vec<f32>,
     side: usize,
     horizon: f64,
@@ -209,7 +209,7 @@ impl Face {
     }
 
     /// What hides the ball, one a value: what is darker than this value and larger than a disc of so many radians.
-    pub(super) fn cover(&self, darkest: f64, radius: f64) -> Vec<bool> {
+    pub(crate) fn cover(&self, darkest: f64, radius: f64) -> Vec<bool> {
         let along = |cell: usize| 2.0 * (cell as f64 + 0.5) / self.side as f64 - 1.0;
         let limb = 1.0 - self.horizon * self.horizon;
         let is_light = |(at, value): (usize, &i8)| {

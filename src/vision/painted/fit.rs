@@ -24,13 +24,13 @@ const SETTLED: f64 = 2e-4;
 /// The standard deviation of residuals in the first step, at least; three quarters of it in each further one.
 const COARSE: f64 = 0.6;
 /// Residuals beyond so many standard deviations do not count.
-pub(super) const REACH: f64 = 4.0;
+pub(crate) const REACH: f64 = 4.0;
 /// No residual is known better: the steps of a camera's values, and the surface between its places.
-pub(super) const LEAST_SIGMA: f64 = 0.02;
+pub(crate) const LEAST_SIGMA: f64 = 0.02;
 /// Share of the places in sight that are known, at least.
 const MIN_KNOWN: f64 = 0.5;
 /// No step is longer, radians: slopes reach no farther.
-pub(super) const MAX_STEP: f64 = 0.15;
+pub(crate) const MAX_STEP: f64 = 0.15;
 
 /// A place in sight.
 #[derive(Debug)]
@@ -42,7 +42,7 @@ struct Seen {
 
 /// Room for fits.
 #[derive(Debug, Default)]
-pub(super) struct FitSpace {
+pub(crate) struct FitSpace {
     seen: Vec<Seen>,
     sizes: Vec<[f64; 2]>,
 }
@@ -122,7 +122,7 @@ impl FitSpace {
 }
 
 /// The correlation of a face with the surface under a rotation, places weighted by their depths; `None` where too little in sight is known.
-pub(super) fn agreement(
+pub(crate) fn agreement(
     grid: &Grid,
     surface: &Surface,
     face: &Face,

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use crate::image::{GrayImage, Roi};
-use crate::vision::camera::BallCircle;
-use crate::vision::grid::Grid;
-use crate::vision::outline::Outline;
+use crate::vision::frame::outline::Outline;
+use crate::vision::optics::camera::BallCircle;
+use crate::vision::optics::grid::Grid;
 
 /// Pixels so far from the center are kept, radii: the outline may turn out to lie elsewhere.
 const MARGIN: f64 = 1.25;
@@ -82,12 +82,12 @@ impl PaintedFrame {
     }
 
     /// The outline, and the standard deviation of its center, pixels of the image.
-    pub(super) fn circle(&self) -> Option<(BallCircle, f64)> {
+    pub(crate) fn circle(&self) -> Option<(BallCircle, f64)> {
         self.0.as_ref().map(|kept| (kept.circle, kept.sigma_px))
     }
 
     /// The pixels, 0 to 1, and where they lie in the image.
-    pub(super) fn image(&self) -> Option<(GrayImage, Grid)> {
+    pub(crate) fn image(&self) -> Option<(GrayImage, Grid)> {
         let kept = self.0.as_ref()?;
         let [width, height] = kept.size;
         let value = |u: usize, v: usize| f32::from(kept.values[v * width + u]) / 255.0;

@@ -5,11 +5,11 @@ use nalgebra::Matrix3;
 use crate::geometry::Rotation;
 
 /// Depth from which a place takes part.
-pub(super) const ALIGNED: f64 = 0.4;
+pub(crate) const ALIGNED: f64 = 0.4;
 
 /// A face on the surface.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Laid {
+pub(crate) struct Laid {
     /// Surface to view frame.
     pub rotation: Rotation,
     /// Correlation of what is seen with the surface.
@@ -20,12 +20,12 @@ pub(super) struct Laid {
 
 impl Laid {
     /// The first face, whose view frame is that of the surface.
-    pub(super) fn first() -> Self {
+    pub(crate) fn first() -> Self {
         Self::at(Rotation::identity())
     }
 
     /// A face that something else has placed.
-    pub(super) fn at(rotation: Rotation) -> Self {
+    pub(crate) fn at(rotation: Rotation) -> Self {
         Self {
             rotation,
             agreement: 1.0,

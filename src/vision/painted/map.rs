@@ -17,7 +17,7 @@ const CHUNK: usize = 500;
 
 /// Which views of a place count: those that it faces by the depth `well`, and where these are not `enough`, those by `least` too.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Facing {
+pub(crate) struct Facing {
     pub well: f64,
     pub least: f64,
     pub enough: u32,
@@ -34,7 +34,7 @@ pub struct PaintMap {
 
 impl PaintMap {
     /// Of faces and their rotations, map to view frame.
-    pub(super) fn new(directions: &[Vec3], views: &[(&Face, Rotation)], facing: Facing) -> Self {
+    pub(crate) fn new(directions: &[Vec3], views: &[(&Face, Rotation)], facing: Facing) -> Self {
         let turned: Vec<_> = views
             .iter()
             .map(|(face, rotation)| (*face, rotation.to_rotation_matrix()))

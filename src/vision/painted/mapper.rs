@@ -16,7 +16,7 @@ use super::track::{apart, starts};
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3, spiral_directions};
 use crate::stats::median;
-use crate::vision::camera::BallView;
+use crate::vision::optics::camera::BallView;
 
 /// Places of the map, 1 degree apart: dots are small.
 const PLACES: usize = 40_000;

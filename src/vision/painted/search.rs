@@ -26,7 +26,7 @@ const STEPS: [f64; 2] = [0.08, 0.02];
 
 /// What does not depend on face and surface.
 #[derive(Debug)]
-pub(super) struct Search {
+pub(crate) struct Search {
     rotations: Vec<Rotation>,
     cells: Vec<Vec3>,
     /// The directions of a cube's cells.
@@ -35,7 +35,7 @@ pub(super) struct Search {
 
 /// A blurred surface; 0 where it is not known.
 #[derive(Debug)]
-pub(super) struct Blurred(Vec<f32>);
+pub(crate) struct Blurred(Vec<f32>);
 
 impl Search {
     /// Rotations, and cells to compare.

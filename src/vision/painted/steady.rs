@@ -5,7 +5,7 @@
 //! over the frames about each. Tukey's biweight stands against outlines that are far off.
 
 use crate::stats::{SIGMA_PER_MAD, biweight, median};
-use crate::vision::camera::BallCircle;
+use crate::vision::optics::camera::BallCircle;
 
 /// Frames before and after one that take part.
 const WINDOW: usize = 12;
@@ -22,7 +22,7 @@ const SCATTER: f64 = 0.08;
 
 /// The outline of each frame that has one, steadied, with the standard deviation of its center, pixels: one for all where the ball is at
 /// rest, on a line through all where it moves evenly, else on lines through those about each.
-pub(super) fn steady(circles: &[Option<(BallCircle, f64)>]) -> Vec<Option<(BallCircle, f64)>> {
+pub(crate) fn steady(circles: &[Option<(BallCircle, f64)>]) -> Vec<Option<(BallCircle, f64)>> {
     let each = |of: &dyn Fn(usize) -> Option<Steadied>| -> Vec<Option<Steadied>> {
         (0..circles.len()).map(|k| circles[k].and(of(k))).collect()
     };
@@ -126,7 +126,7 @@ fn line(points: &[(f64, f64)], moves: bool) -> Option<(f64, f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::camera::Pixel;
+    use crate::vision::optics::camera::Pixel;
 
     #[test]
     fn a_ball_on_a_straight_path_is_found_in_spite_of_outlines_that_are_far_off() {

@@ -31,8 +31,8 @@ struct Neighbor {
 
 /// The places, which all surfaces share.
 #[derive(Debug)]
-pub(super) struct Grid {
-    pub(super) directions: Vec<Vec3>,
+pub(crate) struct Grid {
+    pub(crate) directions: Vec<Vec3>,
     /// Where the neighbors of each place begin; they end where the next begin.
     first: Vec<u32>,
     neighbors: Vec<Neighbor>,
@@ -75,7 +75,7 @@ impl Default for Grid {
 
 impl Grid {
     /// Places all over the ball by which a face is compared with the surface.
-    pub(super) fn compared(&self) -> impl Iterator<Item = (usize, &Vec3)> {
+    pub(crate) fn compared(&self) -> impl Iterator<Item = (usize, &Vec3)> {
         self.directions.iter().enumerate().step_by(COMPARED)
     }
 }
@@ -83,18 +83,18 @@ impl Grid {
 /// A ball's paint, in the frame of the surface.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
-    pub(super) values: Vec<f32>,
+    pub(crate) values: Vec<f32>,
     /// Views of each place; 0 where none shows it.
-    pub(super) weights: Vec<f32>,
+    pub(crate) weights: Vec<f32>,
     /// `p x grad m` of each place.
-    pub(super) turns: Vec<[f32; 3]>,
+    pub(crate) turns: Vec<[f32; 3]>,
     /// The steepest places.
-    pub(super) steep: Vec<u32>,
+    pub(crate) steep: Vec<u32>,
 }
 
 impl Surface {
     /// Nothing is known.
-    pub(super) fn unknown() -> Self {
+    pub(crate) fn unknown() -> Self {
         Self {
             values: vec![0.0; PLACES],
             weights: vec![0.0; PLACES],
@@ -110,7 +110,7 @@ impl Surface {
     }
 
     /// Takes one more view in.
-    pub(super) fn add(&mut self, grid: &Grid, face: &Face, laid: &Laid) {
+    pub(crate) fn add(&mut self, grid: &Grid, face: &Face, laid: &Laid) {
         for (k, place) in grid.directions.iter().enumerate() {
             let seen = laid.rotation * place;
             let depth = face.depth(&seen);
@@ -127,7 +127,7 @@ impl Surface {
     }
 
     /// By all views.
-    pub(super) fn of(grid: &Grid, views: &[(&Face, Rotation)]) -> Self {
+    pub(crate) fn of(grid: &Grid, views: &[(&Face, Rotation)]) -> Self {
         let map = PaintMap::new(&grid.directions, views, FACING);
         let mut surface = Self {
             values: map.values().to_vec(),
@@ -138,7 +138,7 @@ impl Surface {
         surface
     }
 
-    pub(super) fn slope(&mut self, grid: &Grid) {
+    pub(crate) fn slope(&mut self, grid: &Grid) {
         for (k, place) in grid.directions.iter().enumerate() {
             if self.weights[k] <= 0.0 {
                 continue;

@@ -11,9 +11,9 @@ use super::laid::Laid;
 use super::search::{Blurred, Search};
 use super::surface::{Grid, Surface};
 use crate::concurrency;
-use crate::geometry::{Rotation, rotation_angle};
+use crate::geometry::{Rotation, rotation_angle, turned_covariance};
 use crate::stats::median;
-use crate::vision::estimator::{CameraModel, turned_covariance};
+use crate::vision::frame::config::CameraModel;
 
 /// A frame that agrees so well lies where it was expected: right ones agreed by 0.93 in the middle, and 0.82 at the 5th percentile.
 const SURE: f64 = 0.8;
@@ -270,7 +270,7 @@ impl PaintedTracker {
 }
 
 /// The placed frames that make a surface: as many as are needed, the ball turned between one and the next.
-pub(super) fn apart<'a>(
+pub(crate) fn apart<'a>(
     faces: &'a [Option<Face>],
     laid: &[Option<Laid>],
 ) -> Vec<(&'a Face, Rotation)> {
@@ -310,7 +310,7 @@ fn asked(laid: &[Option<Laid>]) -> Vec<usize> {
 }
 
 /// Where a frame may lie beside others, the nearest first: where their turn leads, and as the nearest one.
-pub(super) fn starts<'a>(
+pub(crate) fn starts<'a>(
     mut beside: impl Iterator<Item = &'a Option<Laid>>,
 ) -> impl Iterator<Item = Rotation> {
     let mut next = || Some(beside.next()?.as_ref()?.rotation);

@@ -27,9 +27,7 @@ use spindoe::geometry::{
 };
 use spindoe::synth::surface::{Mark, Surface};
 use spindoe::synth::{Rendering, Scene, SynthConfig};
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
-};
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 use spindoe_studies::frames::{DOTS20, estimator};
 use spindoe_studies::score::{mean, median, ratio, share};
 use spindoe_studies::table::{Table, figure, interval};
@@ -196,7 +194,7 @@ fn frame<R: Rng>(ball: &Ball, rotation: Rotation, spin: Vec3, rng: &mut R) -> Ou
 
 fn one(
     nominal: &Pattern,
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     px: f64,
     frames: usize,
     sigma: f64,
@@ -341,7 +339,7 @@ fn on_print(surface: &Surface, at: &Vec3) -> bool {
 /// Orientation errors of fresh frames that all three patterns identify.
 fn fresh(
     nominal: &Pattern,
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     ball: &Ball,
     calibration: &Calibration,
     to_calibrated: Rotation,

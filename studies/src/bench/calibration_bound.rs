@@ -22,7 +22,7 @@ use spindoe::geometry::{
 use spindoe::pattern::random_pattern;
 use spindoe::synth::view::View;
 use spindoe::validate::Proportion;
-use spindoe::vision::estimator::{CameraModel, Outline};
+use spindoe::vision::frame::{CameraModel, Outline};
 use spindoe::vision::{
     BallCircle, Camera, DotDetection, EstimatorConfig, FrameEstimate, Intrinsics, Pixel,
 };

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use spindoe::files;
 use spindoe::synth::world_sha256;
-use spindoe::vision::estimator::TrustMap;
+use spindoe::vision::pose::TrustMap;
 use spindoe_studies::Outcome;
 use spindoe_studies::score::median;
 

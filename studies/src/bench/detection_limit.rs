@@ -19,7 +19,7 @@ use spindoe::camera::FrameOutcome;
 use spindoe::synth::Scene;
 use spindoe::synth::dataset::frame_rng;
 use spindoe::synth::signal::BallSignal;
-use spindoe::vision::estimator::Outline;
+use spindoe::vision::frame::Outline;
 use spindoe::vision::{BallCircle, DotDetection, FrameEstimate, Pixel};
 use spindoe_studies::frames::{DOTS20, Workspace, all_conditions, alone, estimator};
 use spindoe_studies::score::{bins, share};

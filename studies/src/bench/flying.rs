@@ -2,13 +2,13 @@
 
 use cpu_time::ThreadTime;
 use rayon::prelude::*;
+use spindoe::clip::{BallEstimate, BallsEstimator, missing_balls, number_balls};
 use spindoe::pattern::Pattern;
 use spindoe::spin::robust::SpinConfig;
 use spindoe::stats::Proportion;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{BallTruth, ClipConfig, Sequence};
 use spindoe::validate::ORIENTATION_FAILURE_RAD;
-use spindoe::vision::estimator::{BallEstimate, BallsEstimator, missing_balls, number_balls};
 use spindoe::vision::{Budget, FrameEstimate, Prior};
 use spindoe_studies::frames::estimator;
 use spindoe_studies::score::mean;
@@ -107,7 +107,7 @@ pub fn run(clips: u64, count: usize, seed: u64, failures: bool) -> Outcome {
 }
 
 fn clip(
-    all: &BallsEstimator<spindoe::vision::NamedDetector>,
+    all: &BallsEstimator,
     patterns: &[Pattern],
     seed: u64,
     balls: usize,

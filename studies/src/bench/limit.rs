@@ -19,10 +19,10 @@ use spindoe::image::GrayImage;
 use spindoe::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Frame, FrameTruth, independent_frame};
-use spindoe::vision::estimator::CameraModel;
+use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{
-    BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    NamedDetector, OutlinePrior, Prior,
+    BallCircle, Budget, Camera, DetectorName, DotDetector, Estimator, EstimatorConfig,
+    FrameEstimate, OutlinePrior, Prior,
 };
 use spindoe_studies::frames::DOTS20;
 use spindoe_studies::score::{mean, median, share};
@@ -125,7 +125,7 @@ fn outline(truth: &FrameTruth) -> Option<BallCircle> {
 fn answer(
     known: Known,
     pattern: &Pattern,
-    detector: &NamedDetector,
+    detector: &DotDetector,
     gray: &GrayImage,
     truth: &FrameTruth,
 ) -> Outcome<Option<Answer>> {

@@ -8,8 +8,8 @@
 
 use rayon::prelude::*;
 use spindoe::camera::{CameraConditions, CameraTrials};
+use spindoe::clip::verdict::mirrored_pattern;
 use spindoe::recognize::RecognizerRejection;
-use spindoe::vision::verdict::mirrored_pattern;
 use spindoe::vision::{DetectorName, Estimator, FrameRejection};
 use spindoe_studies::frames::{Patterns, Workspace, alone};
 use spindoe_studies::score::share;

@@ -29,7 +29,7 @@ use spindoe::geometry::Vec3;
 use spindoe::pattern::random_pattern;
 use spindoe::view::ProtocolName;
 use spindoe::vision::Camera;
-use spindoe::vision::estimator::CameraModel;
+use spindoe::vision::frame::CameraModel;
 use spindoe_studies::ranks::{correlation, spearman};
 use spindoe_studies::score::mean;
 use spindoe_studies::table::{Cell, Table, figure};

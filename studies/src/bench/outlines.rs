@@ -13,10 +13,9 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{Frame, FrameTruth};
 use spindoe::vision::net::Weights;
-use spindoe::vision::net::detector::CnnConfig;
 use spindoe::vision::{
-    BallCircle, Budget, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    NamedDetector, OutlinePrior, Prior,
+    BallCircle, Budget, CnnDetector, DetectorName, DotDetector, Estimator, EstimatorConfig,
+    FrameEstimate, OutlinePrior, Prior,
 };
 use spindoe_studies::frames::{DOTS20, FrameSet, all_conditions, each, good_conditions, outcome};
 use spindoe_studies::score::{RATES, rates, share};
@@ -44,11 +43,7 @@ fn off(circle: Option<BallCircle>, truth: &FrameTruth) -> f64 {
     })
 }
 
-fn measure(
-    estimator: &Estimator<NamedDetector>,
-    frame: &Frame,
-    [found]: [FrameEstimate; 1],
-) -> Seen {
+fn measure(estimator: &Estimator, frame: &Frame, [found]: [FrameEstimate; 1]) -> Seen {
     let truth = &frame.truth;
     let circle = BallCircle::new(truth.center, truth.radius_px);
     let prior = Prior {
@@ -89,7 +84,7 @@ impl Args {
         let detector = match &self.weights {
             Some(path) => {
                 let weights = Weights::read(path)?;
-                NamedDetector::Cnn(CnnDetector::new(&weights, CnnConfig::default())?)
+                DotDetector::Cnn(CnnDetector::new(&weights)?)
             }
             None => DetectorName::Cnn.build()?,
         };

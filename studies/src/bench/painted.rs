@@ -13,8 +13,8 @@ use spindoe::pattern::Pattern;
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::Rendering;
 use spindoe::validate::Proportion;
-use spindoe::vision::camera::Camera;
-use spindoe::vision::estimator::CameraModel;
+use spindoe::vision::frame::CameraModel;
+use spindoe::vision::optics::camera::Camera;
 use spindoe::vision::painted::{PaintedFrame, PaintedPoses, PaintedTracker};
 use spindoe::vision::{FrameEstimate, Outline, Prior};
 use spindoe::{Measurement, SpinEstimator};
@@ -146,7 +146,7 @@ impl Args {
         let stand_in = Pattern::new(spiral_directions(20).collect())?;
         let detecting = estimator(&stand_in)?;
         let mut workspace = detecting.workspace();
-        let budget = spindoe::vision::painted::SurfaceObserver::budget();
+        let budget = spindoe::clip::SurfaceObserver::budget();
         let mut seen = Seen {
             frames: Vec::new(),
             truth: Vec::new(),

@@ -15,7 +15,7 @@ use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 use spindoe::Pattern;
 use spindoe::synth::SynthConfig;
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
 use spindoe_studies::frames::{DOTS20, alone, each, good_conditions};
 use spindoe_studies::pictures::pictures;
 use spindoe_studies::score::{median, ratio, share};
@@ -28,11 +28,7 @@ const STATED_DEG: [f64; 3] = [0.05, 1.2, 2.0];
 /// A frame's sum of squares, and its degrees of freedom.
 type Squares = Option<[f64; 2]>;
 
-fn squares(
-    estimator: &Estimator<NamedDetector>,
-    found: &FrameEstimate,
-    stated_deg: f64,
-) -> Squares {
+fn squares(estimator: &Estimator, found: &FrameEstimate, stated_deg: f64) -> Squares {
     let sigma_rad = stated_deg.to_radians();
     found.pose()?;
     let circle = found.circle?;
@@ -54,7 +50,7 @@ fn squares(
 }
 
 /// An estimator for each of [`STATED_DEG`].
-fn estimators(pattern: &Pattern) -> spindoe::Result<[Estimator<NamedDetector>; 3]> {
+fn estimators(pattern: &Pattern) -> spindoe::Result<[Estimator; 3]> {
     let detector = DetectorName::Cnn.build()?;
     let estimator = |stated_deg: f64| {
         let config = EstimatorConfig {
@@ -107,7 +103,7 @@ impl Args {
             "reduced chi-square",
             "of the median frame",
         ]);
-        let all = |estimators: &[Estimator<NamedDetector>; 3], found: [FrameEstimate; 3]| {
+        let all = |estimators: &[Estimator; 3], found: [FrameEstimate; 3]| {
             std::array::from_fn(|k| squares(&estimators[k], &found[k], STATED_DEG[k]))
         };
         for drawn_deg in [0.0, 1.0, 2.0f64] {

@@ -19,7 +19,7 @@ use spindoe::geometry::{Rotation, Vec3};
 use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::independent_frame;
-use spindoe::vision::estimator::OutlineMethod;
+use spindoe::vision::frame::OutlineMethod;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig};
 use spindoe_studies::frames::{DOTS20, alone, good_conditions};
 use spindoe_studies::pictures::pictures;

@@ -12,6 +12,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spindoe::camera::FrameOutcome;
+use spindoe::clip::{
+    NamedFrame, SequenceConfig, SequenceRows, estimate_sequence, orientations, seen_times,
+};
 use spindoe::geometry::{CameraFrame, Vec3, random_direction};
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
@@ -20,11 +23,8 @@ use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Frame, FrameTruth, Sequence};
-use spindoe::vision::estimator::CameraModel;
-use spindoe::vision::estimator::{
-    NamedFrame, SequenceConfig, SequenceRows, estimate_sequence, orientations, seen_times,
-};
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use spindoe::vision::frame::CameraModel;
+use spindoe::vision::{DetectorName, DotDetector, Estimator, EstimatorConfig, FrameEstimate};
 use spindoe_studies::frames::DOTS20;
 use spindoe_studies::score::{bins, median, rates, share};
 use spindoe_studies::table::{Table, figure};
@@ -142,7 +142,7 @@ impl Args {
     fn clip(
         &self,
         pattern: &Pattern,
-        detector: &NamedDetector,
+        detector: &DotDetector,
         fps: f64,
         readout_s: f64,
         seed: u64,
@@ -232,7 +232,7 @@ impl Args {
 
 /// The spin of frames, weighed by their rows where the time between these is not 0.
 fn spun(
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     truth: &Vec3,
     apart: f64,
     named: &[NamedFrame<'_>],

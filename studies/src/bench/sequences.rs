@@ -8,13 +8,13 @@
 
 use rayon::prelude::*;
 use spindoe::camera::FrameOutcome;
+use spindoe::clip::{ImageWork, SequenceConfig, held_images, second_pass};
 use spindoe::geometry::Rotation;
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence};
-use spindoe::vision::estimator::{ImageWork, SequenceConfig, held_images, second_pass};
-use spindoe::vision::{Estimator, FrameEstimate, NamedDetector};
+use spindoe::vision::{Estimator, FrameEstimate};
 use spindoe_studies::frames::{DOTS20, all_conditions, alone, estimator, good_conditions};
 use spindoe_studies::score::{RATES, rates};
 use spindoe_studies::table::Table;
@@ -27,7 +27,7 @@ const WAYS: [&str; 2] = ["each alone", "two passes"];
 pub type Passes = ([Vec<FrameOutcome>; 2], usize);
 
 pub fn clip(
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     config: &SynthConfig,
     drift_px: Option<[f64; 2]>,
     seed: u64,
@@ -58,7 +58,7 @@ pub fn clip(
     let views: Vec<ImageView<'_>> = images.iter().map(ImageView::from).collect();
     let (config, mut again) = (SequenceConfig::default(), 0);
     let mut held = held_images(estimator, &views);
-    let counted = |numbers: &[usize], work: &ImageWork<'_, _>| {
+    let counted = |numbers: &[usize], work: &ImageWork<'_>| {
         again += numbers.len();
         held(numbers, work)
     };

@@ -12,11 +12,11 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::ORIENTATION_FAILURE_RAD;
-use spindoe::vision::estimator::{PoseEvidence, WHOLE_FEATURES};
+use spindoe::vision::pose::{PoseEvidence, WHOLE_FEATURES};
 use spindoe::vision::{
-    BallCircle, Budget, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior, Prior,
+    BallCircle, Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior,
+    Prior,
 };
-use spindoe::vision::{DetectorName, NamedDetector};
 use spindoe_studies::frames::{DOTS20, all_conditions, alone, each, good_conditions, outcome};
 use spindoe_studies::score::{Claim, RATES, bins, claimed, rates};
 use spindoe_studies::table::{Table, figure};
@@ -130,7 +130,7 @@ impl Args {
     /// Each frame with its outline found, and with the true one.
     fn alone(
         &self,
-        estimator: &[Estimator<NamedDetector>; 1],
+        estimator: &[Estimator; 1],
         config: &SynthConfig,
     ) -> spindoe::Result<Vec<[FrameOutcome; 2]>> {
         each(
@@ -162,7 +162,7 @@ impl Args {
 
     /// Fits the weights of the confidence by all pixels on images of which every second shows the ball, half of them in good
     /// conditions, and compares what they claim of as many others with the truth.
-    fn confidence(&self, estimator: &Estimator<NamedDetector>, images: u64) -> Outcome {
+    fn confidence(&self, estimator: &Estimator, images: u64) -> Outcome {
         let [fitted, shown] = [self.seed, self.seed + OTHERS]
             .map(|seed| {
                 (0..images)
@@ -207,7 +207,7 @@ impl Args {
     /// The pose by all pixels of an image, if one was looked for, and the ball's diameter.
     fn judged(
         &self,
-        estimator: &Estimator<NamedDetector>,
+        estimator: &Estimator,
         seed: u64,
         k: u64,
     ) -> spindoe::Result<Vec<(Judged, f64)>> {

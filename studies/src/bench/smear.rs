@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use spindoe::geometry::Vec3;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
-use spindoe::vision::smear::{Smear, SmearedDot, Turn};
+use spindoe::vision::dots::smear::{Smear, SmearedDot, Turn};
 use spindoe_studies::frames::{DOTS20, blur_estimator, each};
 use spindoe_studies::score::{bins, median, share};
 use spindoe_studies::table::{Table, figure};

@@ -14,6 +14,7 @@ use std::f64::consts::TAU;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use spindoe::clip::{NamedFrame, SequenceConfig, SequenceSmears, estimate_sequence, orientations};
 use spindoe::geometry::{CameraFrame, Vec3, random_direction};
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
@@ -22,10 +23,7 @@ use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence};
-use spindoe::vision::estimator::{
-    NamedFrame, SequenceConfig, SequenceSmears, estimate_sequence, orientations,
-};
-use spindoe::vision::{Estimator, NamedDetector};
+use spindoe::vision::Estimator;
 use spindoe_studies::frames::{DOTS20, blur_estimator};
 use spindoe_studies::score::share;
 use spindoe_studies::table::Table;
@@ -135,7 +133,7 @@ impl Args {
 
     fn clip(
         &self,
-        estimator: &Estimator<NamedDetector>,
+        estimator: &Estimator,
         fps: f64,
         exposure_s: f64,
         seed: u64,

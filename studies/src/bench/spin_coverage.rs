@@ -13,6 +13,9 @@ use std::path::PathBuf;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use spindoe::clip::{
+    NamedFrame, SequenceConfig, SequenceView, estimate_sequence, estimate_spin, orientations,
+};
 use spindoe::geometry::{CameraFrame, Rotation};
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
@@ -20,10 +23,7 @@ use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::{Fit, SpinRejection};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence};
-use spindoe::vision::estimator::{
-    NamedFrame, SequenceConfig, SequenceView, estimate_sequence, estimate_spin, orientations,
-};
-use spindoe::vision::{BallCircle, BallView, Camera, Estimator, NamedDetector};
+use spindoe::vision::{BallCircle, BallView, Camera, Estimator};
 use spindoe_studies::frames::{DOTS20, estimator, good_conditions};
 use spindoe_studies::score::{mean, median, share};
 use spindoe_studies::table::{Table, figure};
@@ -43,7 +43,7 @@ struct Judged {
 /// Outcomes with the frames' weights by their covariances and by their residuals, and without the correction for the view frame's turn.
 fn outcomes(
     pattern: &Pattern,
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     seed: u64,
     frames: usize,
     crosses: bool,

@@ -6,13 +6,14 @@
 use cpu_time::ThreadTime;
 use rayon::prelude::*;
 use spindoe::camera::{ExposureOutcome, ExposureRates, ExposureTrials};
+use spindoe::clip::BallsEstimator;
 use spindoe::geometry::CameraFrame;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::Frame;
-use spindoe::vision::estimator::{BallsEstimator, CameraDistance, CameraModel};
+use spindoe::vision::frame::{CameraDistance, CameraModel};
 use spindoe::vision::{
-    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
+    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior,
 };
 use spindoe_studies::frames::{DOTS20, estimator};
 use spindoe_studies::score::{mean, median, share};
@@ -137,7 +138,7 @@ impl Args {
     fn read(
         &self,
         trials: &ExposureTrials,
-        all: &BallsEstimator<NamedDetector>,
+        all: &BallsEstimator,
         frame: &Frame,
         k: u64,
     ) -> spindoe::Result<Read> {

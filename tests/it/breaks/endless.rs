@@ -192,7 +192,7 @@ fn endless_inputs_are_refused() {
 #[cfg(feature = "vision")]
 #[test]
 fn a_table_of_frames_names_rows_in_any_order() {
-    use spindoe::vision::frame_table::read_times;
+    use spindoe::clip::frame_table::read_times;
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("t.csv");
     let text = "frame,time_s\nb/7.png,3\n9,1\nb/7,4\na/7.png,2\nc/9.png,5\n";

@@ -9,7 +9,7 @@ use spindoe::ball::Ball;
 use spindoe::calibrate::identify_frames;
 use spindoe::geometry::{Rotation, Vec3, random_rotation, tangent_frame};
 use spindoe::synth::view::View;
-use spindoe::vision::estimator::Outline;
+use spindoe::vision::frame::Outline;
 use spindoe::vision::{
     BallCircle, Camera, DotDetection, EstimatorConfig, FrameEstimate, Intrinsics, Pixel,
 };

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use spindoe::calibrate::{CalibrationConfig, calibrate, held_out};
-use spindoe::vision::estimator::{BatchConfig, SequenceOutcome, estimate_inputs};
+use spindoe::clip::{BatchConfig, SequenceOutcome, estimate_inputs};
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
 
 /// The frames of a folder, estimated, with their times.

@@ -10,17 +10,17 @@ use spindoe::calibrate::{
     CalibratedDot, CalibrationConfig, KnownDots, Side, SurfaceObserver, UnknownRejection,
     build_pattern, calibrate_built, identify_frames, survey,
 };
+use spindoe::clip::{BatchConfig, BatchObserver};
 use spindoe::geometry::{Rotation, Vec3, angle_between, spiral_directions};
 use spindoe::image::{GrayImage, Picture, RawPixel, RgbImage};
 use spindoe::synth::pen::Spot;
 use spindoe::synth::{Scene, SynthConfig};
-use spindoe::vision::camera::BallView;
-use spindoe::vision::estimator::{BatchConfig, BatchObserver};
+use spindoe::vision::optics::camera::BallView;
 use spindoe::vision::painted::{MappedFrame, PaintMap, PaintMapper, PaintedFrame};
-use spindoe::vision::{DetectorName, FrameEstimate, NamedDetector, Outline, Prior};
-use spindoe::{Ball, Estimator, EstimatorConfig};
+use spindoe::vision::{DetectorName, FrameEstimate, Outline, Prior};
 use spindoe::{
-    DotUncertainty, Identification, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel,
+    Ball, DotUncertainty, Estimator, EstimatorConfig, Identification, ObservedDot, Pattern,
+    Recognizer, RobustRecognizer, ViewModel,
 };
 
 use super::clip::{ClipConfig, detections};
@@ -195,7 +195,7 @@ fn pictures_of(
 }
 
 /// An estimator for its detections only.
-fn detecting() -> Estimator<NamedDetector> {
+fn detecting() -> Estimator {
     let stand_in = SurfaceObserver::stand_in().unwrap();
     let detector = DetectorName::Cnn.build().unwrap();
     Estimator::new(&stand_in, EstimatorConfig::default(), detector).unwrap()

@@ -4,8 +4,7 @@ use spindoe::image::{GrayImage, RgbImage};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::{
-    Budget, CnnDetector, DetectorName, DotDetector, Estimator, EstimatorConfig, FrameEstimate,
-    Patch, Prior,
+    Budget, CnnDetector, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Patch, Prior,
 };
 
 /// Frames of one size: bright and dark, with logos, some without a whole outline.

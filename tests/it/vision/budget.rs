@@ -3,17 +3,16 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use spindoe::clip::{Tracker, TrackerConfig};
 use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
-use spindoe::vision::estimator::{Tracker, TrackerConfig};
 use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, NamedDetector,
-    Prior,
+    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, Prior,
 };
 
-fn estimator(pattern: &Pattern) -> Estimator<NamedDetector> {
+fn estimator(pattern: &Pattern) -> Estimator {
     let detector = DetectorName::Cnn.build().expect("weights");
     Estimator::new(pattern, EstimatorConfig::default(), detector).expect("valid settings")
 }

@@ -6,13 +6,12 @@ use std::process::Command;
 use spindoe::stats::Proportion;
 use spindoe::synth::dataset::frame_rng;
 use spindoe::synth::{Rendering, Scene, SynthConfig};
-use spindoe::vision::net::detector::CnnConfig;
+use spindoe::vision::dots::net::CnnDetector;
+use spindoe::vision::dots::patch::Patch;
 use spindoe::vision::net::graph::Head;
-use spindoe::vision::net::{CnnDetector, Weights, onnx};
-use spindoe::vision::patch::Patch;
+use spindoe::vision::net::{Weights, onnx};
 use spindoe::vision::{
-    Budget, DotDetection, DotDetector, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior,
-    Prior,
+    Budget, DotDetection, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior, Prior,
 };
 
 /// Frames in good light, without logos, of balls at least 50 pixels wide.
@@ -104,7 +103,7 @@ fn onnx_runtime_gives_the_same_cells() {
 
 fn check_onnx(head: Head) {
     let weights = Weights::built_in(head).unwrap();
-    let detector = CnnDetector::new(&weights, CnnConfig::default()).unwrap();
+    let detector = CnnDetector::new(&weights).unwrap();
     let mut ws = detector.workspace();
     let (mut patches, mut cells) = (Vec::new(), Vec::new());
     for frame in frames(&SynthConfig::default(), 12) {
@@ -141,7 +140,7 @@ fn a_second_look_answers_frames_in_doubt() {
     let small = Weights::built_in(Head::Dots).unwrap();
     let estimator =
         |detector| Estimator::new(&pattern, EstimatorConfig::default(), detector).unwrap();
-    let alone = estimator(CnnDetector::new(&small, CnnConfig::default()).unwrap());
+    let alone = estimator(CnnDetector::new(&small).unwrap());
     let both = estimator(CnnDetector::built_in().unwrap());
     let (mut first, mut second) = (alone.workspace(), both.workspace());
     let (mut a, mut b) = (FrameEstimate::default(), FrameEstimate::default());

@@ -6,19 +6,19 @@ use crate::common::ball::Scene;
 use image::{DynamicImage, ImageBuffer, Luma, LumaA, Rgba};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use spindoe::clip::{SequenceConfig, estimate_sequence, estimate_spin};
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
 use spindoe::image::{GrayImage, ImageView};
 use spindoe::pattern::Pattern;
 use spindoe::source::FrameSource;
 use spindoe::source::files::{natural_order, time_of_stem};
 use spindoe::spin::orientations::Orientations;
-use spindoe::vision::estimator::{SequenceConfig, estimate_sequence, estimate_spin};
 use spindoe::vision::{
-    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Intrinsics,
-    NamedDetector, Prior, find_ball,
+    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Intrinsics, Prior,
+    find_ball,
 };
 
-fn estimator(pattern: &Pattern, camera: Camera) -> Estimator<NamedDetector> {
+fn estimator(pattern: &Pattern, camera: Camera) -> Estimator {
     let config = EstimatorConfig {
         camera: camera.into(),
         ..EstimatorConfig::default()
@@ -418,7 +418,7 @@ fn mirrored_balls_are_refused_as_such() {
     }
 }
 
-fn estimator_of_synth(pattern: &Pattern) -> Estimator<NamedDetector> {
+fn estimator_of_synth(pattern: &Pattern) -> Estimator {
     let detector = DetectorName::Cnn.build().expect("weights");
     Estimator::new(pattern, EstimatorConfig::default(), detector).expect("valid settings")
 }
@@ -780,7 +780,7 @@ fn wrong_tables_and_mirrored_clips_are_named() {
     assert_eq!((code, &json["identified"]), (Some(3), &0.into()), "{words}");
     assert!(words.contains("the images are mirrored"), "{words}");
     // The ball of a mirrored pattern, seen in a mirror, is the ball itself.
-    let mirrored = spindoe::vision::verdict::mirrored_pattern(&pattern).expect("a pattern");
+    let mirrored = spindoe::clip::verdict::mirrored_pattern(&pattern).expect("a pattern");
     mirrored
         .write_csv(&dir.path().join("mirrored.csv"))
         .expect("written");

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use image::{DynamicImage, ImageFormat, Rgb, RgbImage as Buffer};
+use spindoe::clip::frame_table::{FrameCircles, read_circles, read_times};
 use spindoe::image::{DEFAULT_MAX_PIXELS, RgbImage};
 use spindoe::source::files::{Source, open, sources};
 use spindoe::source::{Frame, FrameSource, SourceEnd};
-use spindoe::vision::frame_table::{FrameCircles, read_circles, read_times};
 
 /// The times of `frames` by the table `text`, or what is said of it.
 fn times(text: &str, frames: &[&str]) -> Result<Vec<f64>, String> {

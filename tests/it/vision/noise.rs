@@ -57,7 +57,7 @@ fn noise(side: usize, spectrum: Spectrum, rng: &mut ChaCha8Rng) -> GrayImage {
     scaled(&image, deviation)
 }
 
-fn estimator() -> Estimator<spindoe::vision::NamedDetector> {
+fn estimator() -> Estimator {
     let pattern = crate::common::random_pattern(20, 5);
     let detector = DetectorName::Cnn.build().expect("weights");
     Estimator::new(&pattern, EstimatorConfig::default(), detector).expect("valid settings")

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
 use spindoe::image::GrayImage;
 use spindoe::pattern::Pattern;
-use spindoe::vision::estimator::CameraModel;
+use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{
     BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
     Intrinsics, Lens, OutlinePrior, Pixel, Prior,

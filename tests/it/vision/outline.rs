@@ -2,9 +2,9 @@
 
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
-use spindoe::vision::camera::{BallCircle, Pixel};
-use spindoe::vision::estimator::OutlineMethod;
-use spindoe::vision::net::outline::{OutlineNet, OutlineWorkspace};
+use spindoe::vision::frame::OutlineMethod;
+use spindoe::vision::optics::camera::{BallCircle, Pixel};
+use spindoe::vision::outline::net::{OutlineNet, OutlineWorkspace};
 use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 fn occluded() -> SynthConfig {

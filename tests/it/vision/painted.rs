@@ -9,8 +9,8 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::blotches::Blotches;
 use spindoe::synth::{Scene, SynthConfig, SynthKind};
 use spindoe::vision::Outline;
-use spindoe::vision::camera::Camera;
-use spindoe::vision::estimator::CameraModel;
+use spindoe::vision::frame::CameraModel;
+use spindoe::vision::optics::camera::Camera;
 use spindoe::vision::painted::{PaintedFrame, PaintedRejection, PaintedTracker, Surface};
 
 /// The camera's distance, ball radii.

@@ -3,17 +3,17 @@
 use std::f64::consts::TAU;
 
 use spindoe::Pattern;
+use spindoe::clip::{
+    NamedFrame, SequenceConfig, SequenceRows, estimate_sequence, orientations, seen_times,
+};
 use spindoe::geometry::{CameraFrame, Vec3};
 use spindoe::image::ImageView;
 use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Frame, Sequence};
-use spindoe::vision::estimator::{
-    CameraModel, NamedFrame, SequenceConfig, SequenceRows, estimate_sequence, orientations,
-    seen_times,
-};
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector};
+use spindoe::vision::frame::CameraModel;
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
 
 const ROWS: usize = 480;
 const FRAMES: usize = 10;
@@ -21,7 +21,7 @@ const FRAMES: usize = 10;
 /// A clip of a ball that falls through 300 rows, taken by a rolling shutter.
 struct Clip {
     spin: Vec3,
-    estimator: Estimator<NamedDetector>,
+    estimator: Estimator,
     frames: Vec<Frame>,
     /// Of the first rows.
     times_s: Vec<f64>,

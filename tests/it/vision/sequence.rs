@@ -4,25 +4,25 @@ use crate::common::ball::Scene;
 use nalgebra::{Matrix2, Matrix3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use spindoe::clip::{
+    SequenceConfig, SequenceView, estimate_sequence, estimate_spin, frames_in_doubt, second_pass,
+};
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::recognize::Hint;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
-use spindoe::vision::detect::DotDetection;
-use spindoe::vision::estimator::{
-    Outline, OutlineSource, Pose, SequenceConfig, SequenceView, estimate_sequence, estimate_spin,
-    frames_in_doubt, second_pass,
-};
+use spindoe::vision::dots::detector::DotDetection;
+use spindoe::vision::frame::{Outline, OutlineSource, Pose};
 use spindoe::vision::{
     BallCircle, BallView, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    NamedDetector, OutlinePrior, Pixel, Prior,
+    OutlinePrior, Pixel, Prior,
 };
 
 const CIRCLE: BallCircle = BallCircle::new(Pixel { u: 40.0, v: 40.0 }, 30.0);
 
-fn estimator(pattern: &Pattern, config: EstimatorConfig) -> Estimator<NamedDetector> {
+fn estimator(pattern: &Pattern, config: EstimatorConfig) -> Estimator {
     let detector = DetectorName::Cnn.build().expect("weights");
     Estimator::new(pattern, config, detector).expect("valid settings")
 }

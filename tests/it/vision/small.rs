@@ -1,18 +1,16 @@
 //! Balls of 12 to 20 pixels, matched as a whole, against the renderer's truth.
 
+use spindoe::clip::{SequenceConfig, estimate_sequence};
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
 use spindoe::synth::{SynthConfig, SynthKind};
-use spindoe::vision::estimator::{SequenceConfig, estimate_sequence};
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
-};
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 /// The angle from which on an answer is wrong, radians.
 const WRONG: f64 = 0.35;
 
-fn estimator() -> Estimator<NamedDetector> {
+fn estimator() -> Estimator {
     let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref()).expect("a pattern");
     let detector = DetectorName::Cnn.build().expect("weights");
     Estimator::new(&pattern, EstimatorConfig::default(), detector).expect("valid settings")

@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
 use spindoe::Pattern;
+use spindoe::clip::{NamedFrame, SequenceConfig, SequenceSmears, estimate_sequence, orientations};
 use spindoe::geometry::{CameraFrame, Vec3};
 use spindoe::image::ImageView;
 use spindoe::spin::alias::AliasConfig;
@@ -11,15 +12,10 @@ use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
-use spindoe::vision::estimator::{
-    NamedFrame, SequenceConfig, SequenceSmears, estimate_sequence, orientations,
-};
-use spindoe::vision::smear::Turn;
-use spindoe::vision::{
-    Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, NamedDetector, Prior,
-};
+use spindoe::vision::dots::smear::Turn;
+use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
-fn estimator(measures_blur: bool) -> Estimator<NamedDetector> {
+fn estimator(measures_blur: bool) -> Estimator {
     let pattern = Pattern::read_csv("designs/dots20/pattern.csv".as_ref()).unwrap();
     let config = EstimatorConfig {
         measures_blur,

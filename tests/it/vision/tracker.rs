@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use spindoe::clip::{Tracker, TrackerConfig};
 use spindoe::geometry::{Vec3, rotation_angle};
 use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
@@ -10,8 +11,7 @@ use spindoe::spin::shared::SharedError;
 use spindoe::spin::{Measurement, SpinRejection};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, Sequence};
-use spindoe::vision::estimator::{Tracker, TrackerConfig};
-use spindoe::vision::{Camera, DetectorName, Estimator, EstimatorConfig, NamedDetector};
+use spindoe::vision::{Camera, DetectorName, Estimator, EstimatorConfig};
 
 const SPIN: Vec3 = Vec3::new(40.0, 150.0, -60.0);
 
@@ -43,7 +43,7 @@ fn clip(count: usize) -> Clip {
     Clip { pattern, frames }
 }
 
-fn tracker(pattern: &Pattern, config: TrackerConfig) -> Tracker<NamedDetector> {
+fn tracker(pattern: &Pattern, config: TrackerConfig) -> Tracker {
     let detector = DetectorName::Cnn.build().unwrap();
     let camera = Camera::Near {
         inverse_distance: 1.0 / 20.0,

@@ -3,17 +3,17 @@
 
 use std::sync::Arc;
 
+use spindoe::clip::{
+    SequenceConfig, Tracker, TrackerConfig, frames_in_doubt, held_images, second_pass,
+};
 use spindoe::image::{ImageView, RawImage, RawPixel, RgbImage, Roi};
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::{ClipConfig, FrameTruth, Sequence};
-use spindoe::vision::estimator::{
-    OutlineSource, SequenceConfig, Tracker, TrackerConfig, frames_in_doubt, held_images,
-    second_pass,
-};
+use spindoe::vision::frame::OutlineSource;
 use spindoe::vision::{
     BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
-    FrameRejection, Intrinsics, NamedDetector, OutlinePrior, Pixel, Prior,
+    FrameRejection, Intrinsics, OutlinePrior, Pixel, Prior,
 };
 
 const SIZE: [usize; 2] = [800, 600];
@@ -75,12 +75,12 @@ fn apart(a: &BallCircle, b: &BallCircle) -> f64 {
     (a.center.u - b.center.u).hypot(a.center.v - b.center.v)
 }
 
-fn estimator(pattern: &Pattern) -> Estimator<NamedDetector> {
+fn estimator(pattern: &Pattern) -> Estimator {
     let detector = DetectorName::Cnn.build().unwrap();
     Estimator::new(pattern, EstimatorConfig::default(), detector).unwrap()
 }
 
-fn tracker(pattern: &Pattern) -> Tracker<NamedDetector> {
+fn tracker(pattern: &Pattern) -> Tracker {
     Tracker::new(Arc::new(estimator(pattern)), TrackerConfig::default()).unwrap()
 }
 

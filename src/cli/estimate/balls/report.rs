@@ -5,8 +5,13 @@ use serde_json::{Value, json};
 #[cfg(feature = "plot")]
 use crate::cli::estimate::overlay;
 use crate::cli::estimate::{Arguments, Picture, output};
-use crate::cli::inputs;
-use crate::cli::spin_summary;
+use crate::cli::{inputs, spin_summary};
+use crate::clip::ball_tracks::number_balls;
+use crate::clip::balls::BallEstimate;
+use crate::clip::balls_batch::BallsBatch;
+use crate::clip::orientations;
+use crate::clip::orientations::NamedFrame;
+use crate::clip::strobe::{Strobe, StrobeHypothesis};
 use crate::error::Result;
 use crate::files::csv::shown;
 use crate::geometry::CameraFrame;
@@ -17,14 +22,11 @@ use crate::spin::orientations::{OrientationRow, OrientationWriter};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::spin::{Fit, SpinRejection};
-use crate::vision::estimator::{
-    BallEstimate, BallsBatch, NamedFrame, Strobe, StrobeHypothesis, number_balls, orientations,
-};
 
 #[cfg(feature = "plot")]
-use crate::vision::estimator::TimeSource;
+use crate::clip::batch::TimeSource;
 #[cfg(feature = "plot")]
-use crate::vision::{Estimator, NamedDetector};
+use crate::vision::Estimator;
 
 /// Other hypotheses of an exposure that are named in words.
 const MAX_NAMED: usize = 3;
@@ -226,7 +228,7 @@ impl<'a> Report<'a> {
 
     /// A frame with its balls drawn on it.
     #[cfg(feature = "plot")]
-    pub fn drawn(&self, k: usize, estimators: &[Estimator<NamedDetector>]) -> OverlayFrame {
+    pub fn drawn(&self, k: usize, estimators: &[Estimator]) -> OverlayFrame {
         let frame = &self.batch.frames[k].frame;
         let balls = self.balls[k].iter().zip(&self.numbers[k]);
         let drawn = balls

@@ -16,8 +16,9 @@ use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::ORIENTATION_FAILURE_RAD;
-use spindoe::vision::estimator::{Hypothesis, PoseEvidence, TrustMap};
-use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, NamedDetector};
+use spindoe::vision::frame::Hypothesis;
+use spindoe::vision::pose::{PoseEvidence, TrustMap};
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig};
 use spindoe_studies::frames::{all_conditions, alone, estimator, good_conditions};
 use spindoe_studies::noise::NoiseField;
 use spindoe_studies::pictures::pictures;
@@ -178,11 +179,7 @@ pub struct Judged {
 }
 
 /// Estimates an image; `truth` where it shows the ball. `None` where no dots were identified.
-fn answer(
-    estimator: &Estimator<NamedDetector>,
-    image: &RgbImage,
-    truth: Option<Rotation>,
-) -> Option<Answer> {
+fn answer(estimator: &Estimator, image: &RgbImage, truth: Option<Rotation>) -> Option<Answer> {
     let out = alone(estimator, image, &mut estimator.workspace());
     let is_correct = |found: Option<Rotation>| {
         let off = truth.zip(found).map(|(t, r)| t.angle_to(&r));
@@ -206,7 +203,7 @@ fn answer(
 
 /// The answers to images of a kind, in their order; `None` where no dots were identified.
 fn answers(
-    estimator: &Estimator<NamedDetector>,
+    estimator: &Estimator,
     sources: &Sources,
     kind: Kind,
     images: std::ops::Range<u64>,

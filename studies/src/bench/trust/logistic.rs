@@ -1,7 +1,7 @@
 //! Logistic regression by Newton's method.
 
 use nalgebra::{SMatrix, SVector};
-use spindoe::vision::estimator::{DENSE_FEATURES, FEATURES, PoseEvidence, TrustMap};
+use spindoe::vision::pose::{DENSE_FEATURES, FEATURES, PoseEvidence, TrustMap};
 
 use super::kinds::Judged;
 

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use rayon::prelude::*;
+use spindoe::clip::verdict::{
+    BallHypothesis, FrameScore, Scorer, Verdict, decide, mirrored_pattern,
+};
 use spindoe::pattern::Pattern;
 use spindoe::stats::Proportion;
 use spindoe::synth::dataset::{Frame, independent_frame};
-use spindoe::vision::verdict::{
-    BallHypothesis, FrameScore, Scorer, Verdict, decide, mirrored_pattern,
-};
-use spindoe::vision::{Estimator, NamedDetector};
+use spindoe::vision::Estimator;
 use spindoe_studies::frames::{alone, estimator, good_conditions, name_of};
 use spindoe_studies::score::share;
 use spindoe_studies::table::Table;
@@ -26,7 +26,7 @@ type Scores = Vec<[FrameScore; 2]>;
 struct CandidateTable {
     name: String,
     /// Directly and mirrored.
-    estimators: [Estimator<NamedDetector>; 2],
+    estimators: [Estimator; 2],
 }
 
 impl CandidateTable {

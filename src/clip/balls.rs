@@ -1,0 +1,547 @@
+//! All balls of a frame: several balls, or several images of one by the flashes of one exposure.
+//!
+//! The first ball is what [`Estimator::estimate`] finds in the frame, as where only one is looked for, of several tables with a
+//! shorter search by each. Then all circles of a like size
+//! ([`BallFinder`]) are handed to the same entry as outlines that are given, the best first, so that a further ball costs what a
+//! crop does. Where the balls may carry one of several patterns, each outline's dots are identified by all of them, and the pattern
+//! that explains them best is the ball's:
+//!
+//! ```text
+//! p(table) = exp L(table) / sum exp L,   L as in `verdict`
+//! ```
+//!
+//! which is a factor of the pose's confidence.
+//!
+//! Guarantees: with one table the first ball is exactly that of [`Estimator::estimate`]. Each ball is a pose or a [`FrameRejection`](crate::vision::frame::estimate::FrameRejection);
+//! no two are at one place. Not guaranteed: that a circle without a pose is a ball. It is listed where its rim is whole, or is seen for the
+//! greater part and has five likely dots.
+
+mod found;
+
+use self::found::{Found, largest, shares};
+use super::strobe::Strobe;
+use super::verdict::{MAX_LEAD, Scorer};
+use crate::error::{Result, require};
+use crate::image::{ImageView, Roi};
+use crate::vision::dots::detector::LIKELY_DOT;
+use crate::vision::estimator::search::is_evident;
+use crate::vision::estimator::{Estimator, EstimatorWorkspace};
+use crate::vision::frame::estimate::{FrameEstimate, Standing};
+use crate::vision::frame::prior::{Budget, OutlinePrior, Prior, SearchDepth};
+use crate::vision::optics::camera::BallCircle;
+use crate::vision::outline::circle::{BallFinder, BallFit, Polarity, WHOLE};
+
+/// Balls of a frame, at most, and circles that are tried.
+const MAX_BALLS: usize = 16;
+const MAX_TRIED: usize = 24;
+/// Runs of the recognizer by each of several tables in which the first ball is looked for: a frame need not show a ball of each.
+const SEVERAL_RUNS: usize = 6;
+/// Radii of further balls over that of the first: balls at two thirds and one and a half times its distance.
+const SIZES: (f64, f64) = (0.65, 1.55);
+/// Circles are searched where the smallest radius is at least so many pixels, at a smaller scale.
+const SMALLEST: f64 = 10.0;
+/// Rims of this support and visible part may be balls without a pose, where they have so many likely dots or a number is asked for.
+const RIM: f64 = 0.7;
+const MIN_LIKELY_DOTS: usize = 5;
+/// Likely dots of a whole rim from which on each of several tables is tried by all means.
+const WORTHWHILE: usize = 3;
+/// Radius and center of a circle of the edges are known to a part of the radius that is believed.
+const MAX_SIGMA: f64 = 0.04;
+/// Outlines over one that are taken out, at most: a strobed ball's neighbors.
+const MAX_COVERS: usize = 4;
+/// An expected outline is looked for within so many radii.
+const EXPECTED_SIGMA: f64 = 0.1;
+
+/// One of the balls of a frame.
+#[derive(Debug, Clone)]
+pub struct BallEstimate {
+    /// Its outline, dots and orientation, or why it has none.
+    pub frame: FrameEstimate,
+    /// The table that fits it best.
+    pub table: usize,
+    /// Probability of each table, by the dots of this frame; where there is one table, 1.
+    pub tables: Vec<f64>,
+}
+
+impl BallEstimate {
+    /// The outline, corrected by the dots where the ball has a pose.
+    pub fn circle(&self) -> Option<BallCircle> {
+        self.frame.circle.or(self.frame.outline.map(|o| o.circle))
+    }
+
+    fn likely_dots(&self) -> usize {
+        let dots = self.frame.dots.iter();
+        dots.filter(|d| d.probability >= LIKELY_DOT).count()
+    }
+}
+
+/// Estimates all balls of a frame: one estimator for each table that they may carry.
+#[derive(Debug, Clone)]
+pub struct BallsEstimator {
+    estimators: Vec<Estimator>,
+    count: Option<usize>,
+}
+
+/// Working memory of a [`BallsEstimator`], one a thread.
+pub struct BallsWorkspace<'a> {
+    finder: BallFinder,
+    circles: Vec<BallFit>,
+    workspaces: Vec<EstimatorWorkspace>,
+    /// One for each table; none where there is one.
+    scorers: Vec<Scorer<'a>>,
+}
+
+impl BallsEstimator {
+    /// For balls that carry one of these estimators' patterns: so many in a frame, or as many as there are.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] without an estimator, or for a number out of its domain.
+    pub fn new(estimators: Vec<Estimator>, count: Option<usize>) -> Result<Self> {
+        require(!estimators.is_empty(), "table", "at least one", 0)?;
+        let found = count.unwrap_or(1);
+        let inside = (1..=MAX_BALLS).contains(&found);
+        require(inside, "balls", "1 to 16, or auto", found)?;
+        Ok(Self { estimators, count })
+    }
+
+    /// One for each table.
+    pub fn estimators(&self) -> &[Estimator] {
+        &self.estimators
+    }
+
+    /// A new workspace.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] for a setting outside its domain.
+    pub fn workspace(&self) -> Result<BallsWorkspace<'_>> {
+        let scorers = match &self.estimators[..] {
+            [_] => Vec::new(),
+            several => several.iter().map(Scorer::new).collect::<Result<_>>()?,
+        };
+        Ok(BallsWorkspace {
+            finder: BallFinder::new(self.estimators[0].config().circle),
+            circles: Vec::with_capacity(MAX_TRIED),
+            workspaces: self.estimators.iter().map(Estimator::workspace).collect(),
+            scorers,
+        })
+    }
+
+    /// Estimates the balls of a frame, those with a pose first, within a region or everywhere. `expected` are outlines where balls
+    /// are expected; they are looked for where no circle was found.
+    pub fn estimate<'a>(
+        &self,
+        image: impl Into<ImageView<'a>>,
+        region: Option<Roi>,
+        expected: &[BallCircle],
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_>,
+    ) -> Vec<BallEstimate> {
+        let image = image.into();
+        let mut found = Found {
+            balls: vec![self.first(image, region, budget, ws)],
+            rejected: Vec::new(),
+            limit: self.count.unwrap_or(MAX_BALLS),
+        };
+        if found.balls[0].frame.pose().is_none() {
+            found.rejected.append(&mut found.balls);
+        }
+        if found.is_full() {
+            return found.balls;
+        }
+        self.find_circles(image, region, &found, ws);
+        for k in 0..ws.circles.len() {
+            let fit = ws.circles[k];
+            if found.is_full() {
+                break;
+            }
+            if found.is_free(&fit.circle) {
+                let sigma_px = fit.covariance.diagonal().max().sqrt();
+                let outline = OutlinePrior {
+                    circle: fit.circle,
+                    sigma_px: sigma_px.min(MAX_SIGMA * fit.circle.radius),
+                };
+                // What has no whole rim may be anything: no second look at its dots where the first shows none.
+                let standing = match fit.support.min(fit.visible) >= WHOLE {
+                    true => Standing::Likely,
+                    false => Standing::Doubtful,
+                };
+                let ball = self.at(image, outline, standing, budget, ws);
+                found.add(ball, Some(&fit), self.count.is_some());
+            }
+        }
+        self.look_at(image, expected, budget, &mut found, ws);
+        self.uncover(image, budget, &mut found, ws);
+        found.all()
+    }
+
+    /// Estimates all images of one ball in an exposure with several flashes: where one is missing, it is looked for where the others lead;
+    /// of several tables all images have the one that explains them best together.
+    pub fn estimate_strobed<'a>(
+        &self,
+        image: impl Into<ImageView<'a>>,
+        region: Option<Roi>,
+        strobe: &Strobe,
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_>,
+    ) -> Vec<BallEstimate> {
+        let image = image.into();
+        let balls = self.estimate(image, region, &[], budget, ws);
+        let expected = strobe.expected(&balls);
+        let mut balls = self.look_again(image, balls, &expected, budget, ws);
+        if !ws.scorers.is_empty() {
+            self.agree(image, &mut balls, budget, ws);
+        }
+        balls
+    }
+
+    /// Images of one ball: their tables' probabilities multiply, and all are estimated by the likeliest table.
+    fn agree(
+        &self,
+        image: ImageView<'_>,
+        balls: &mut [BallEstimate],
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_>,
+    ) {
+        let ln = |ball: &BallEstimate, table: usize| ball.tables[table].ln().max(-MAX_LEAD);
+        let all = 0..self.estimators.len();
+        let sums: Vec<f64> = all
+            .map(|table| balls.iter().map(|ball| ln(ball, table)).sum())
+            .collect();
+        let tables = shares(&sums);
+        let best = largest(&tables);
+        for ball in balls.iter_mut() {
+            let is_by_best = ball.table == best && ball.frame.pose().is_some();
+            if let Some(circle) = ball.circle().filter(|_| !is_by_best) {
+                let likely = (OutlinePrior::given(circle), Standing::Likely);
+                let mut again = FrameEstimate::default();
+                self.estimate_at(image, best, likely, budget, ws, &mut again);
+                ball.frame = again;
+            } else if let Ok(pose) = &mut ball.frame.outcome {
+                // Its own share of the table is in its confidence.
+                pose.confidence /= ball.tables[best];
+            }
+            (ball.table, ball.tables) = (best, tables.clone());
+            self.weigh(ball);
+        }
+        balls.sort_by_key(|ball| ball.frame.pose().is_none());
+    }
+
+    /// The balls of a frame, and those that are found besides where they are expected.
+    pub fn look_again<'a>(
+        &self,
+        image: impl Into<ImageView<'a>>,
+        balls: Vec<BallEstimate>,
+        expected: &[BallCircle],
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_>,
+    ) -> Vec<BallEstimate> {
+        let (balls, rejected) = balls.into_iter().partition(|b| b.frame.pose().is_some());
+        let mut found = Found {
+            balls,
+            rejected,
+            limit: self.count.unwrap_or(MAX_BALLS),
+        };
+        self.look_at(image.into(), expected, budget, &mut found, ws);
+        found.all()
+    }
+
+    /// Looks for balls where they are expected and none is known.
+    fn look_at(
+        &self,
+        image: ImageView<'_>,
+        expected: &[BallCircle],
+        budget: &Budget,
+        found: &mut Found,
+        ws: &mut BallsWorkspace<'_>,
+    ) {
+        for circle in expected {
+            if !found.is_full() && found.is_free(circle) {
+                let outline = OutlinePrior {
+                    circle: *circle,
+                    sigma_px: EXPECTED_SIGMA * circle.radius,
+                };
+                let ball = self.at(image, outline, Standing::Doubtful, budget, ws);
+                found.add(ball, None, false);
+            }
+        }
+    }
+
+    /// Circles without a pose that others with one cover in part, once more without what these show.
+    fn uncover(
+        &self,
+        image: ImageView<'_>,
+        budget: &Budget,
+        found: &mut Found,
+        ws: &mut BallsWorkspace<'_>,
+    ) {
+        for ball in found.rejected.clone() {
+            if found.is_full() {
+                break;
+            }
+            let Some(circle) = ball.frame.outline.map(|o| o.circle) else {
+                continue;
+            };
+            let others = found.balls.iter().filter_map(BallEstimate::circle);
+            let covers: Vec<BallCircle> = others
+                .filter(|c| {
+                    let apart = (c.center.u - circle.center.u).hypot(c.center.v - circle.center.v);
+                    apart < c.radius + circle.radius
+                })
+                .take(MAX_COVERS)
+                .collect();
+            if covers.is_empty() || !found.is_free(&circle) {
+                continue;
+            }
+            for is_added in [true, false] {
+                let outline = (OutlinePrior::given(circle), Standing::Likely);
+                let mut again = FrameEstimate::default();
+                let workspace = &mut ws.workspaces[ball.table];
+                workspace.covers.clone_from(&covers);
+                workspace.covers_add = is_added;
+                let budget = Budget {
+                    spent: ball.frame.attempts(),
+                    ..*budget
+                };
+                self.estimate_at(image, ball.table, outline, &budget, ws, &mut again);
+                ws.workspaces[ball.table].covers.clear();
+                if again.pose().is_some() && is_evident(&again) {
+                    let mut ball = BallEstimate {
+                        frame: again,
+                        ..ball.clone()
+                    };
+                    self.weigh(&mut ball);
+                    found.add(ball, None, false);
+                    break;
+                }
+            }
+        }
+    }
+
+    /// The ball that is found where one is looked for; of several tables by the first that fits.
+    fn first(
+        &self,
+        image: ImageView<'_>,
+        region: Option<Roi>,
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_>,
+    ) -> BallEstimate {
+        let prior = Prior {
+            region,
+            ..Prior::default()
+        };
+        let short = Budget {
+            runs: SEVERAL_RUNS.min(budget.runs),
+            search: SearchDepth::Coarse,
+            ..*budget
+        };
+        let budget = match self.estimators.len() {
+            1 => budget,
+            _ => &short,
+        };
+        let mut best: Option<BallEstimate> = None;
+        for table in 0..self.estimators.len() {
+            let mut frame = FrameEstimate::default();
+            self.estimators[table].estimate(
+                image,
+                &prior,
+                budget,
+                &mut ws.workspaces[table],
+                &mut frame,
+            );
+            let has_pose = frame.pose().is_some();
+            if has_pose || best.is_none() {
+                let ball = self.with_table(image, table, frame, budget, ws);
+                best = Some(ball);
+            }
+            if has_pose {
+                break;
+            }
+        }
+        best.unwrap_or_else(|| BallEstimate {
+            frame: FrameEstimate::default(),
+            table: 0,
+            tables: Vec::new(),
+        })
+    }
+
+    /// A ball at an outline.
+    fn at(
+        &self,
+        image: ImageView<'_>,
+        outline: OutlinePrior,
+        standing: Standing,
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_>,
+    ) -> BallEstimate {
+        let mut frame = FrameEstimate::default();
+        if ws.scorers.is_empty() {
+            self.estimate_at(image, 0, (outline, standing), budget, ws, &mut frame);
+            return self.with_table(image, 0, frame, budget, ws);
+        }
+        // The dots are the same for all tables: what is spent on one of them is of no use where the ball carries another.
+        let doubtful = (outline, Standing::Doubtful);
+        self.estimate_at(image, 0, doubtful, budget, ws, &mut frame);
+        let ball = self.with_table(image, 0, frame, budget, ws);
+        let is_open = ball.frame.pose().is_none() && ball.likely_dots() >= WORTHWHILE;
+        match standing == Standing::Likely && is_open {
+            true => self.by_all_means(image, outline, budget, ws),
+            false => ball,
+        }
+    }
+
+    fn estimate_at(
+        &self,
+        image: ImageView<'_>,
+        table: usize,
+        (outline, standing): (OutlinePrior, Standing),
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_>,
+        frame: &mut FrameEstimate,
+    ) {
+        let prior = Prior {
+            outline: Some(outline),
+            ..Prior::default()
+        };
+        let (estimator, workspace) = (&self.estimators[table], &mut ws.workspaces[table]);
+        estimator.estimate_standing(image, &prior, standing, budget, workspace, frame);
+    }
+
+    /// The table that explains a ball's dots best, and its estimate by that table; `frame` is that by `table`.
+    fn with_table(
+        &self,
+        image: ImageView<'_>,
+        table: usize,
+        frame: FrameEstimate,
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_>,
+    ) -> BallEstimate {
+        if ws.scorers.is_empty() {
+            return BallEstimate {
+                frame,
+                table,
+                tables: vec![1.0],
+            };
+        }
+        let by_dots = ws.scorers.iter_mut().map(|scorer| {
+            let mut again = frame.clone();
+            let weight = scorer.identify(&mut again).weight();
+            (weight, again.pose().is_some())
+        });
+        let (weights, posed): (Vec<f64>, Vec<bool>) = by_dots.unzip();
+        let tables = shares(&weights);
+        let best = largest(&tables);
+        let outline = frame.outline.map(|o| o.circle).filter(|_| posed[best]);
+        let mut ball = BallEstimate {
+            frame,
+            table: best,
+            tables,
+        };
+        let is_by_best = best == table && ball.frame.pose().is_some();
+        if let Some(circle) = outline.filter(|_| !is_by_best) {
+            let likely = (OutlinePrior::given(circle), Standing::Likely);
+            let mut again = FrameEstimate::default();
+            self.estimate_at(image, best, likely, budget, ws, &mut again);
+            ball.frame = again;
+        } else if best != table {
+            ball.frame.reject_pose();
+        }
+        self.weigh(&mut ball);
+        ball
+    }
+
+    /// A ball whose dots alone no table explains: each table by all means, as a single one.
+    fn by_all_means(
+        &self,
+        image: ImageView<'_>,
+        outline: OutlinePrior,
+        budget: &Budget,
+        ws: &mut BallsWorkspace<'_>,
+    ) -> BallEstimate {
+        let likely = (outline, Standing::Likely);
+        let mut frames = Vec::with_capacity(self.estimators.len());
+        for table in 0..self.estimators.len() {
+            let mut frame = FrameEstimate::default();
+            self.estimate_at(image, table, likely, budget, ws, &mut frame);
+            frames.push(frame);
+        }
+        let scored = ws.scorers.iter_mut().zip(&frames);
+        let weights: Vec<f64> = scored.map(|(s, f)| s.score(f).weight()).collect();
+        let tables = shares(&weights);
+        let table = largest(&tables);
+        let mut ball = BallEstimate {
+            frame: frames.swap_remove(table),
+            table,
+            tables,
+        };
+        self.weigh(&mut ball);
+        ball
+    }
+
+    /// A pose is right where its table is.
+    fn weigh(&self, ball: &mut BallEstimate) {
+        let share = ball.tables[ball.table];
+        let least = self.estimators[ball.table].config().min_confidence;
+        if let Ok(pose) = &mut ball.frame.outcome {
+            pose.confidence *= share;
+            if pose.confidence < least {
+                ball.frame.reject_pose();
+            }
+        }
+    }
+
+    /// Fills the workspace's circles with those that further balls may have.
+    fn find_circles(
+        &self,
+        image: ImageView<'_>,
+        region: Option<Roi>,
+        found: &Found,
+        ws: &mut BallsWorkspace<'_>,
+    ) {
+        let (width, height) = (image.width(), image.height());
+        let whole = Roi::whole(width, height);
+        ws.circles.clear();
+        let Some(part) = region.unwrap_or(whole).cut(width, height) else {
+            return;
+        };
+        let first = found.balls.first().and_then(BallEstimate::circle);
+        let config = self.estimators[0].config().circle;
+        let longer = part.width.max(part.height) as f64;
+        let radii = match first {
+            Some(circle) => (SIZES.0 * circle.radius, SIZES.1 * circle.radius),
+            None => (config.min_radius_px, 0.5 * longer),
+        };
+        let fit = found.balls.first().and_then(|b| b.frame.fit);
+        let polarity = fit.map_or(Polarity::Brighter, |f| f.polarity);
+        let mut level = 0;
+        while radii.0 / f64::from(2u32 << level) >= SMALLEST {
+            level += 1;
+        }
+        let side = f64::from(1u32 << level);
+        let BallsWorkspace {
+            finder,
+            circles,
+            workspaces,
+            ..
+        } = ws;
+        let workspace = &mut workspaces[0];
+        self.estimators[0].viewed(image, &part, level, workspace, |crop, _| {
+            let known: Vec<BallCircle> = first
+                .iter()
+                .map(|circle| crop.grid.circle_to_part(circle))
+                .collect();
+            let radii = (radii.0 / side, radii.1 / side);
+            let all = finder.find_all(crop.gray, radii, polarity, &known);
+            circles.extend(all.iter().take(MAX_TRIED).map(|fit| BallFit {
+                circle: crop.grid.circle_to_image(&fit.circle),
+                covariance: fit.covariance * (side * side),
+                edge_width: fit.edge_width * side,
+                ..*fit
+            }));
+        });
+        if let Some(first) = first {
+            // Images of one ball have nearly one size.
+            let unlike = |f: &BallFit| (f.circle.radius / first.radius).ln().abs() > 0.2;
+            circles.sort_by_key(unlike);
+        }
+    }
+}

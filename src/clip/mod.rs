@@ -1,0 +1,36 @@
+//! All frames of a clip: each estimated, those in doubt again between their neighbors, several balls told apart, the table and the
+//! mirror image judged by all frames together.
+
+pub(crate) mod ball_tracks;
+pub(crate) mod balls;
+pub(crate) mod balls_batch;
+pub(crate) mod batch;
+pub mod frame_table;
+pub(crate) mod orientations;
+pub(crate) mod painted;
+pub(crate) mod rolling;
+pub(crate) mod sequence;
+pub(crate) mod sequence_view;
+pub(crate) mod smears;
+pub(crate) mod strobe;
+pub(crate) mod tracker;
+pub mod verdict;
+
+pub use ball_tracks::{BallTracks, NumberedBalls, missing_balls, number_balls};
+pub use balls::{BallEstimate, BallsEstimator, BallsWorkspace};
+pub use balls_batch::{BallsBatch, BallsFrame, estimate_ball_inputs};
+pub use batch::{
+    Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
+    estimate_inputs,
+};
+pub use orientations::{NamedFrame, orientations};
+pub use painted::SurfaceObserver;
+pub use rolling::{SequenceRows, seen_times};
+pub use sequence::{
+    FrameInDoubt, ImageResults, ImageWork, SequenceConfig, SequenceSummary, estimate_passes,
+    estimate_sequence, estimate_spin, frames_in_doubt, held_images, second_pass,
+};
+pub use sequence_view::SequenceView;
+pub use smears::SequenceSmears;
+pub use strobe::{Strobe, StrobeHypothesis};
+pub use tracker::{Tracker, TrackerConfig, TrackerState};

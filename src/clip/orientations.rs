@@ -1,0 +1,63 @@
+//! Estimated frames as a file of orientations, which `spindoe spin` and the spin estimators read.
+
+use super::sequence_view::SequenceView;
+use crate::geometry::{CameraFrame, turned_covariance};
+use crate::spin::orientations::{OrientationRow, Orientations};
+use crate::vision::frame::estimate::FrameEstimate;
+
+/// A frame of a file of orientations.
+#[derive(Debug, Clone, Copy)]
+pub struct NamedFrame<'a> {
+    /// The frame's name.
+    pub name: &'a str,
+    /// Its time, seconds, if it has one.
+    pub time_s: Option<f64>,
+    /// What was estimated.
+    pub estimate: &'a FrameEstimate,
+}
+
+impl<'a> NamedFrame<'a> {
+    /// Frames of a sequence without names, with their times in seconds.
+    pub fn of_times(times_s: &[f64], estimates: &'a [FrameEstimate]) -> Vec<Self> {
+        let timed = times_s.iter().zip(estimates);
+        let named = timed.map(|(time_s, estimate)| Self {
+            name: "",
+            time_s: Some(*time_s),
+            estimate,
+        });
+        named.collect()
+    }
+}
+
+/// The orientations of frames, in `frame`. View frames ([`CameraModel::is_view`](crate::vision::frame::config::CameraModel::is_view)) of a sequence are
+/// brought into one ([`SequenceView`]); else each row is in its own.
+pub fn orientations(
+    frames: &[NamedFrame<'_>],
+    frame: CameraFrame,
+    is_sequence: bool,
+) -> Orientations {
+    let estimates = frames.iter().map(|f| f.estimate);
+    let view = SequenceView::of_frames(estimates).filter(|_| is_sequence);
+    let row = |named: &NamedFrame<'_>| {
+        let estimate = named.estimate;
+        let pose = estimate.pose();
+        let seen_at = pose.and(estimate.circle).map(|circle| circle.center);
+        let turn = view.zip(seen_at).map(|(view, center)| view.turn(center));
+        let turned = frame.turn() * turn.unwrap_or_default().rotation();
+        OrientationRow {
+            frame: named.name.to_owned(),
+            time_s: named.time_s.unwrap_or(f64::NAN),
+            orientation: pose.map(|p| turned * p.rotation),
+            dots: Some(estimate.dots.len()),
+            matched: Some(estimate.matched()),
+            residual_rad: pose.map(|p| p.residual_rad),
+            confidence: pose.map(|p| p.confidence),
+            covariance: pose.map(|p| turned_covariance(&turned, &p.covariance)),
+            turn: turn.map(|turn| turn.in_axes(frame)),
+        }
+    };
+    Orientations {
+        rows: frames.iter().map(row).collect(),
+        camera_frame: Some(frame),
+    }
+}

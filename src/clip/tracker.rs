@@ -1,0 +1,354 @@
+//! A camera's frames one by one, as they come: the orientation now, and the spin now.
+//!
+//! Where the ball was seen in the frames before, its outline is looked for where they predict it: only the
+//! surroundings of the ball are converted and searched. Where that fails, it is looked for farther around; and
+//! after some frames, as at the beginning, in the whole frame, at a coarse scale first, moving
+//! objects before those that stand still. An outline that was found in this way counts as the ball's by its
+//! dots.
+//!
+//! That is the forward pass over a [sequence](super::sequence::frames_in_doubt): every frame is one [`Estimator::estimate`], whose prior is
+//! what the earlier frames expect. Poses that needed no hint and are likelier than [`SequenceConfig::trusted`] enter a window of
+//! fixed length, from which the spin is fitted after each frame; it predicts the orientation of the next. A hinted pose is
+//! an answer, but no evidence: it never enters the window, so that no error confirms itself.
+//!
+//! # What is promised
+//! The work for a frame depends on the frame and on [`TrackerConfig::window`], not on how many frames
+//! came before. Once the window has been full, no memory is allocated. An answer depends on this
+//! frame and the earlier ones within [`TrackerConfig::memory_s`]; of those before, no more than the
+//! rounding of an outline's fit, which starts from the predicted one.
+//!
+//! Not promised: what the [second pass](super::sequence::second_pass) finds when it knows the later frames
+//! as well, and any answer to a spin that changes within the window (a bounce): the fit then rejects
+//! it, or takes the larger part. [`Tracker::reset`] starts afresh.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::sequence::{SequenceConfig, predict};
+use super::sequence_view::SequenceView;
+use crate::error::{Error, Result, require};
+use crate::image::{ImageView, Roi};
+use crate::recognize::Hint;
+use crate::spin::robust::RobustEstimator;
+use crate::spin::shared::SharedError;
+use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
+use crate::vision::estimator::propose::NEARBY;
+use crate::vision::estimator::{Estimator, EstimatorWorkspace};
+use crate::vision::frame::config::CameraDistance;
+use crate::vision::frame::estimate::FrameEstimate;
+use crate::vision::frame::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
+use crate::vision::optics::camera::BallCircle;
+use crate::vision::outline::circle::WHOLE;
+use crate::vision::outline::circle::coarse::CoarseSearch;
+use crate::vision::outline::path::OutlineMotion;
+
+/// After so many frames without a pose the ball is looked for in the whole frame.
+const PATIENCE: usize = 3;
+
+/// What a tracker remembers, and how it uses it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackerConfig {
+    /// How frames help each other; [`SequenceConfig::neighbors`] is not used.
+    pub sequence: SequenceConfig,
+    /// Number of poses in the window.
+    pub window: usize,
+    /// Poses older than this are forgotten, seconds.
+    pub memory_s: f64,
+    /// Time for a frame, from [`Tracker::update`] on: then nothing further is begun, and a frame without an answer has the
+    /// rejection [`FrameRejection::OutOfTime`](crate::vision::frame::estimate::FrameRejection::OutOfTime). By default no limit.
+    pub max_latency: Option<Duration>,
+}
+
+impl Default for TrackerConfig {
+    /// Twelve poses of the last quarter of a second.
+    fn default() -> Self {
+        Self {
+            sequence: SequenceConfig::default(),
+            window: 12,
+            memory_s: 0.25,
+            max_latency: None,
+        }
+    }
+}
+
+impl TrackerConfig {
+    /// Checks the domains of all settings.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] naming the setting.
+    pub fn check(&self) -> Result<()> {
+        let expected = format!("{MIN_FRAMES} to 1000");
+        let inside = (MIN_FRAMES..=1000).contains(&self.window);
+        require(inside, "window", &expected, self.window)?;
+        let inside = self.memory_s > 0.0 && self.memory_s.is_finite();
+        require(inside, "memory_s", "a positive number", self.memory_s)?;
+        Ok(self.sequence.spin.check()?)
+    }
+}
+
+/// What is known after a frame.
+#[derive(Debug)]
+pub struct TrackerState<'a> {
+    /// The frame: its outline, dots and orientation, or why there is none.
+    pub frame: &'a FrameEstimate,
+    /// The spin by the window's poses, or why there is none; without intrinsics in the view frame of the last of them. Its covariance counts the errors of
+    /// drawn dots that the poses share ([`SharedError`]).
+    pub spin: &'a std::result::Result<Fit, SpinRejection>,
+}
+
+/// A pose of the window.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    measurement: Measurement,
+    residual_rad: f64,
+    /// From where, if the camera's intrinsics are unknown.
+    from: Option<(BallCircle, CameraDistance)>,
+}
+
+/// Follows one ball through the frames of a camera.
+#[derive(Debug)]
+pub struct Tracker {
+    estimator: Arc<Estimator>,
+    config: TrackerConfig,
+    /// Where the ball is looked for, if not everywhere.
+    roi: Option<Roi>,
+    workspace: EstimatorWorkspace,
+    fitter: RobustEstimator,
+    window: VecDeque<Seen>,
+    /// The window's orientations in one frame.
+    turned: Vec<Measurement>,
+    frame: FrameEstimate,
+    motion: OutlineMotion,
+    /// Frames since the last pose.
+    missed: usize,
+    spin: std::result::Result<Fit, SpinRejection>,
+    last_s: Option<f64>,
+}
+
+impl Tracker {
+    /// A tracker that has seen nothing.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a setting outside its domain.
+    pub fn new(estimator: Arc<Estimator>, config: TrackerConfig) -> Result<Self> {
+        config.check()?;
+        // Not while frames come in.
+        estimator.dense_matcher();
+        Ok(Self {
+            workspace: estimator.workspace(),
+            estimator,
+            fitter: RobustEstimator::new(config.sequence.spin),
+            window: VecDeque::with_capacity(config.window + 1),
+            turned: Vec::with_capacity(config.window),
+            frame: FrameEstimate::default(),
+            motion: OutlineMotion::default(),
+            missed: 0,
+            spin: Err(NOTHING_SEEN),
+            last_s: None,
+            roi: None,
+            config,
+        })
+    }
+
+    /// The same tracker, which looks for the ball in this part of every frame; one that it follows may
+    /// leave it.
+    pub fn within(mut self, roi: Roi) -> Self {
+        self.roi = Some(roi);
+        self
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &TrackerConfig {
+        &self.config
+    }
+
+    /// What is known now.
+    pub fn state(&self) -> TrackerState<'_> {
+        TrackerState {
+            frame: &self.frame,
+            spin: &self.spin,
+        }
+    }
+
+    /// The probability of each of the window's poses that it agrees with the spin, in order of time;
+    /// those of the last successful fit.
+    pub fn inlier_probabilities(&self) -> &[f64] {
+        self.fitter.inlier_probabilities()
+    }
+
+    /// Forgets everything: the next frame is the first of another trajectory.
+    pub fn reset(&mut self) {
+        self.window.clear();
+        self.motion.clear();
+        let searches = self.workspace.searches.iter_mut();
+        searches.for_each(CoarseSearch::forget);
+        self.missed = 0;
+        self.spin = Err(NOTHING_SEEN);
+        self.last_s = None;
+    }
+
+    /// Takes the next frame, of the time `time_s` in seconds. `outline` is the ball's outline, where it
+    /// is known.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the time is not finite or not later than that of the frame before; the
+    /// tracker then stays as it was.
+    pub fn update<'a>(
+        &mut self,
+        image: impl Into<ImageView<'a>>,
+        time_s: f64,
+        outline: Option<&OutlinePrior>,
+    ) -> Result<TrackerState<'_>> {
+        let begun = Instant::now();
+        self.check_time(time_s)?;
+        let image = image.into();
+        let whole = Roi::whole(image.width(), image.height());
+        let part = self
+            .roi
+            .unwrap_or(whole)
+            .within(whole.width, whole.height)?;
+        self.last_s = Some(time_s);
+        self.forget(time_s);
+        self.find(image, &part, time_s, outline, begun);
+        let trusted = self.trusted_pose(time_s);
+        if let Some(seen) = trusted {
+            if self.window.len() == self.config.window {
+                self.window.pop_front();
+            }
+            self.window.push_back(seen);
+        }
+        // Without a new pose the spin stays what it was, as long as the poses are remembered.
+        if trusted.is_some() || self.window.len() < MIN_FRAMES {
+            self.fit();
+        }
+        Ok(self.state())
+    }
+
+    fn check_time(&self, time_s: f64) -> Result<()> {
+        let earliest = self.last_s.map(|last| last + MIN_INTERVAL_S);
+        if time_s.is_finite() && earliest.is_none_or(|earliest| time_s >= earliest) {
+            return Ok(());
+        }
+        let expected = earliest.map_or("a finite number".to_owned(), |earliest| {
+            format!("at least {earliest} s, later than the frame before")
+        });
+        Err(Error::argument(
+            "time_s",
+            format!("expected {expected}, found {time_s}"),
+        ))
+    }
+
+    /// Estimates the frame by what is expected of it.
+    fn find(
+        &mut self,
+        image: ImageView<'_>,
+        part: &Roi,
+        time_s: f64,
+        given: Option<&OutlinePrior>,
+        begun: Instant,
+    ) {
+        let outline = given.copied().or_else(|| {
+            let circle = self.motion.predict(time_s)?;
+            let reach = match self.missed >= PATIENCE {
+                true => f64::INFINITY,
+                false => NEARBY * circle.radius / 3.0,
+            };
+            Some(OutlinePrior {
+                circle,
+                sigma_px: reach,
+            })
+        });
+        let prior = Prior {
+            region: Some(*part),
+            outline,
+            rotation: self.expected_rotation(time_s),
+            follows: Follows::LastImage,
+        };
+        let budget = Budget {
+            deadline: self
+                .config
+                .max_latency
+                .and_then(|most| begun.checked_add(most)),
+            search: SearchDepth::Coarse,
+            ..Budget::default()
+        };
+        let frame = &mut self.frame;
+        self.estimator
+            .estimate(image, &prior, &budget, &mut self.workspace, frame);
+        let is_seen = match frame.pose() {
+            Some(_) => {
+                self.missed = 0;
+                true
+            }
+            None => {
+                self.missed += 1;
+                self.missed <= PATIENCE && frame.fit.is_some_and(|f| f.support >= WHOLE)
+            }
+        };
+        if let Some(circle) = frame.circle.filter(|_| is_seen) {
+            self.motion.push(time_s, circle);
+        } else if self.missed > PATIENCE {
+            self.motion.clear();
+        }
+    }
+
+    /// The frame's pose, if it is evidence.
+    fn trusted_pose(&self, time_s: f64) -> Option<Seen> {
+        let pose = self.frame.pose()?;
+        let is_trusted = !pose.hinted && pose.confidence >= self.config.sequence.trusted;
+        is_trusted.then_some(Seen {
+            measurement: Measurement {
+                confidence: pose.confidence,
+                ..Measurement::new(time_s, pose.rotation)
+            },
+            residual_rad: pose.residual_rad,
+            from: self.frame.seen_from(),
+        })
+    }
+
+    /// Fits the spin to the window, in the view frame of its last pose where there are no intrinsics.
+    fn fit(&mut self) {
+        let seen_from = self.window.iter().filter_map(|s| s.from);
+        let last = seen_from.clone().next_back();
+        let view = last.and_then(|(circle, _)| SequenceView::about(circle.center, seen_from));
+        let turn = |seen: &Seen| Some(view?.turn(seen.from?.0.center));
+        self.turned.clear();
+        self.turned.extend(self.window.iter().map(|seen| {
+            let own = seen.measurement;
+            Measurement {
+                orientation: turn(seen).unwrap_or_default().rotation() * own.orientation,
+                ..own
+            }
+        }));
+        let shared = SharedError::of_residuals(self.window.iter().map(|s| s.residual_rad));
+        let turns = self.window.iter();
+        let turns = turns.filter_map(|seen| Some((seen.measurement.time_s, turn(seen)?)));
+        self.fitter
+            .set_shared(SharedError::with_turns(shared, turns));
+        self.spin = self.fitter.fit(&self.turned);
+    }
+
+    /// Drops poses and outlines that are too old.
+    fn forget(&mut self, time_s: f64) {
+        let oldest = time_s - self.config.memory_s;
+        self.motion.forget(oldest);
+        let is_old = |seen: &Seen| seen.measurement.time_s < oldest;
+        while self.window.front().is_some_and(is_old) {
+            self.window.pop_front();
+        }
+    }
+
+    /// The orientation as the window's spin predicts it.
+    fn expected_rotation(&self, time_s: f64) -> Option<Hint> {
+        let fit = self.spin.as_ref().ok()?;
+        let is_known = self.window.len() >= MIN_FRAMES;
+        is_known.then(|| predict(&self.config.sequence, fit, &self.turned, time_s))
+    }
+}
+
+/// The spin's state before the first frame.
+const NOTHING_SEEN: SpinRejection = SpinRejection::TooFewFrames {
+    found: 0,
+    needed: MIN_FRAMES,
+};

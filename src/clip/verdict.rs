@@ -1,0 +1,330 @@
+//! One verdict over all frames of a clip: does the table fit, are the images mirrored, which of
+//! several tables is it?
+//!
+//! A single frame of another pattern, of its mirror image or of no pattern at all fits now and then
+//! by accident. Frames of one clip show one ball, so that their evidence adds up.
+//!
+//! # Evidence
+//! A hypothesis is a table, seen directly or in a mirror. A frame with a pose has the evidence `E`
+//! (natural log) that its dots are the pattern's and not anything
+//! ([`RobustRecognizer::explain_near`]). A frame of the right ball may still have none, with the
+//! probability `m` where it shows enough dots. It weighs
+//!
+//! ```text
+//! L = ln( m + (1 - m) exp(E) )     with a pose
+//! L = ln m                         without one, if it shows enough dots; else 0
+//! ```
+//!
+//! limited, so that no single frame decides. The sum over the frames is the hypothesis' evidence
+//! against "none of them"; a motion that the poses share adds to it. Two hypotheses are compared
+//! frame by frame in the same way.
+//!
+//! Guarantees: the verdict depends on the frames' dots and poses alone. Not guaranteed: a verdict on
+//! fewer than [`MIN_FRAMES`] frames with enough dots; then there is none.
+
+use nalgebra::Matrix2;
+
+use crate::error::Result;
+use crate::geometry::Vec3;
+use crate::pattern::Pattern;
+use crate::recognize::robust::{RobustRecognizer, RobustWorkspace};
+use crate::view::{DotUncertainty, ObservedDot};
+use crate::vision::dots::detector::LIKELY_DOT;
+use crate::vision::estimator::{Estimator, EstimatorWorkspace};
+use crate::vision::frame::estimate::FrameEstimate;
+
+/// Minimum number of frames with enough dots for a verdict.
+pub const MIN_FRAMES: usize = 3;
+/// Dots, likelier so than not, that identify a ball in nearly every frame.
+const ENOUGH_DOTS: usize = 6;
+/// Probability that a frame of the right ball with enough dots has no pose.
+const MISSED: f64 = 0.2;
+/// Limits of a frame's weight against "none of them", and between two hypotheses.
+const MAX_WEIGHT: f64 = 6.0;
+pub(crate) const MAX_LEAD: f64 = 10.0;
+/// What a motion that the poses share adds.
+const COMMON_MOTION: f64 = 6.0;
+/// Evidence that a hypothesis must have.
+const MIN_EVIDENCE: f64 = 2.0;
+/// Lead over the others: odds of 20 to 1.
+const MIN_LEAD: f64 = 3.0;
+
+/// What a frame says of one hypothesis.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FrameScore {
+    /// Detections that are likelier dots than not.
+    pub dots: usize,
+    /// ln of the evidence of its pose against "not this pattern"; `None` without a pose.
+    pub ln_evidence: Option<f64>,
+}
+
+impl FrameScore {
+    fn has_enough_dots(&self) -> bool {
+        self.dots >= ENOUGH_DOTS
+    }
+
+    /// ln of the frame's evidence for the hypothesis, not limited.
+    pub(crate) fn weight(&self) -> f64 {
+        match self.ln_evidence {
+            // For large E the sum is E itself, without overflow.
+            Some(e) => {
+                let (fits, missed) = ((1.0 - MISSED).ln() + e, MISSED.ln());
+                let high = fits.max(missed);
+                high + ((fits - high).exp() + (missed - high).exp()).ln()
+            }
+            None if self.has_enough_dots() => MISSED.ln(),
+            None => 0.0,
+        }
+    }
+}
+
+/// A table, seen directly or in a mirror, with what the frames say of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BallHypothesis {
+    /// The number of the table.
+    pub table: usize,
+    /// Whether the images are mirrored.
+    pub is_mirrored: bool,
+    /// One a frame, the same frames for all hypotheses.
+    pub frames: Vec<FrameScore>,
+    /// Whether most of the poses agree on one motion.
+    pub has_common_motion: bool,
+}
+
+impl BallHypothesis {
+    /// ln of the evidence against "none of them".
+    pub fn ln_evidence(&self) -> f64 {
+        let limited = |f: &FrameScore| f.weight().clamp(-MAX_WEIGHT, MAX_WEIGHT);
+        let motion = if self.has_common_motion {
+            COMMON_MOTION
+        } else {
+            0.0
+        };
+        self.frames.iter().map(limited).sum::<f64>() + motion
+    }
+
+    /// ln of the evidence against another hypothesis.
+    pub fn ln_lead(&self, other: &Self) -> f64 {
+        let pairs = self.frames.iter().zip(&other.frames);
+        pairs
+            .map(|(a, b)| (a.weight() - b.weight()).clamp(-MAX_LEAD, MAX_LEAD))
+            .sum()
+    }
+
+    /// Frames with a pose.
+    pub fn answered(&self) -> usize {
+        let posed = self.frames.iter().filter(|f| f.ln_evidence.is_some());
+        posed.count()
+    }
+}
+
+/// The verdict on a clip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Verdict {
+    /// Too few frames show enough dots: each stands for itself.
+    Open,
+    /// This hypothesis fits.
+    Fits {
+        /// Its index among those given.
+        hypothesis: usize,
+        /// ln of its odds against the next best one; infinite where it is the only one.
+        ln_lead: f64,
+        /// ln of its odds against "none of them".
+        ln_evidence: f64,
+    },
+    /// Two hypotheses fit about as well.
+    Tied {
+        /// The indices of both, the better one first.
+        hypotheses: [usize; 2],
+        /// ln of the odds.
+        ln_lead: f64,
+    },
+    /// None of them fits.
+    None {
+        /// The index of the best.
+        best: usize,
+        /// ln of its odds against "none of them".
+        ln_evidence: f64,
+    },
+}
+
+/// Decides among hypotheses on the same frames.
+pub fn decide(hypotheses: &[BallHypothesis]) -> Verdict {
+    let informative = |h: &BallHypothesis| {
+        let enough = |f: &&FrameScore| f.has_enough_dots() || f.ln_evidence.is_some();
+        h.frames.iter().filter(enough).count()
+    };
+    if hypotheses.iter().map(informative).max().unwrap_or(0) < MIN_FRAMES {
+        return Verdict::Open;
+    }
+    // The one that leads over all others; leads are limited by frame, so a cycle is conceivable.
+    let min_lead = |i: usize| {
+        let others = (0..hypotheses.len()).filter(|&j| j != i);
+        others
+            .map(|j| (hypotheses[i].ln_lead(&hypotheses[j]), j))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .unwrap_or((f64::INFINITY, i))
+    };
+    let leads = (0..hypotheses.len()).map(|i| (i, min_lead(i)));
+    let Some((best, (ln_lead, next))) = leads.max_by(|a, b| a.1.0.total_cmp(&b.1.0)) else {
+        return Verdict::Open;
+    };
+    let ln_evidence = hypotheses[best].ln_evidence();
+    if ln_evidence < MIN_EVIDENCE {
+        Verdict::None { best, ln_evidence }
+    } else if ln_lead < MIN_LEAD {
+        Verdict::Tied {
+            hypotheses: [best, next],
+            ln_lead,
+        }
+    } else {
+        Verdict::Fits {
+            hypothesis: best,
+            ln_lead,
+            ln_evidence,
+        }
+    }
+}
+
+/// The mirror image of a pattern: x reversed. Mirrored images of a ball are images of a ball with
+/// this pattern.
+///
+/// # Errors
+/// [`crate::Error::Internal`] where reversed unit vectors are none, which cannot be.
+pub fn mirrored_pattern(pattern: &Pattern) -> Result<Pattern> {
+    let dots = pattern.dots().iter();
+    Pattern::new(dots.map(|d| Vec3::new(-d.x, d.y, d.z)).collect())
+}
+
+/// Scores frames under one hypothesis.
+pub struct Scorer<'a> {
+    estimator: &'a Estimator,
+    recognizer: RobustRecognizer,
+    workspace: RobustWorkspace,
+    estimation: EstimatorWorkspace,
+    observed: Vec<ObservedDot>,
+}
+
+impl<'a> Scorer<'a> {
+    /// For the estimator of the hypothesis' pattern.
+    ///
+    /// # Errors
+    /// [`crate::Error::Argument`] for a setting outside its domain.
+    pub fn new(estimator: &'a Estimator) -> Result<Self> {
+        use crate::recognize::Recognizer as _;
+        let config = estimator.config().recognizer;
+        let recognizer = RobustRecognizer::new(estimator.pattern(), config)?;
+        Ok(Self {
+            workspace: recognizer.workspace(),
+            recognizer,
+            estimation: estimator.workspace(),
+            estimator,
+            observed: Vec::new(),
+        })
+    }
+
+    /// Identifies the dots of a frame by this hypothesis' pattern, and scores it.
+    pub fn identify(&mut self, frame: &mut FrameEstimate) -> FrameScore {
+        let estimator = self.estimator;
+        estimator.identify_detections(&mut self.estimation, frame);
+        self.score(frame)
+    }
+
+    /// The score of a frame as estimated.
+    pub fn score(&mut self, frame: &FrameEstimate) -> FrameScore {
+        let likely = frame.dots.iter().filter(|d| d.probability >= LIKELY_DOT);
+        FrameScore {
+            dots: likely.count(),
+            ln_evidence: self.ln_evidence(frame),
+        }
+    }
+
+    fn ln_evidence(&mut self, frame: &FrameEstimate) -> Option<f64> {
+        let pose = frame.pose()?;
+        let view = self.estimator.camera().view_of(frame)?;
+        let config = self.estimator.config();
+        let hand = Matrix2::from_diagonal_element(config.placement_sigma_rad.powi(2));
+        let min_depth = config.recognizer.view.visibility_limit.max(view.horizon());
+        self.observed.clear();
+        for dot in frame.dots.iter().filter(|d| d.probability >= LIKELY_DOT) {
+            let seen = view.back_project(dot.pixel, &dot.covariance);
+            let Some(mut seen) = seen.filter(|s| s.direction.z >= min_depth) else {
+                continue;
+            };
+            if let DotUncertainty::Tangent { covariance } = &mut seen.uncertainty {
+                *covariance += hand;
+            }
+            self.observed.push(seen);
+        }
+        let rotation = view.to_camera().inverse() * pose.rotation;
+        let (dots, workspace) = (&self.observed, &mut self.workspace);
+        // A pose that its own dots do not support has no evidence.
+        self.recognizer
+            .explain_near(dots, &rotation, workspace)
+            .map(|found| found.ln_evidence)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn hypothesis(table: usize, is_mirrored: bool, evidence: &[Option<f64>]) -> BallHypothesis {
+        let frame = |e: &Option<f64>| FrameScore {
+            dots: 8,
+            ln_evidence: *e,
+        };
+        BallHypothesis {
+            table,
+            is_mirrored,
+            frames: evidence.iter().map(frame).collect(),
+            has_common_motion: false,
+        }
+    }
+
+    #[test]
+    fn one_lucky_frame_of_ten_is_no_fit() {
+        let mut frames = [None; 10];
+        frames[3] = Some(40.0);
+        let found = decide(&[hypothesis(0, false, &frames)]);
+        assert!(matches!(found, Verdict::None { best: 0, .. }), "{found:?}");
+        // Three of ten are, and one motion makes two enough.
+        frames[5..7].fill(Some(20.0));
+        let found = decide(&[hypothesis(0, false, &frames)]);
+        assert!(matches!(found, Verdict::Fits { .. }), "{found:?}");
+    }
+
+    #[test]
+    fn too_few_frames_are_left_to_themselves() {
+        let found = decide(&[hypothesis(0, false, &[None, None])]);
+        assert_eq!(found, Verdict::Open);
+        assert_eq!(decide(&[]), Verdict::Open);
+        let few_dots = BallHypothesis {
+            frames: vec![FrameScore::default(); 20],
+            ..hypothesis(0, false, &[])
+        };
+        assert_eq!(decide(&[few_dots]), Verdict::Open);
+    }
+
+    #[test]
+    fn small_leads_of_many_frames_tell_a_mirror() {
+        let direct = hypothesis(0, false, &[Some(18.0); 10]);
+        let mirrored = hypothesis(0, true, &[Some(20.0); 10]);
+        let found = decide(&[direct.clone(), mirrored]);
+        let Verdict::Fits {
+            hypothesis,
+            ln_lead,
+            ..
+        } = found
+        else {
+            panic!("{found:?}")
+        };
+        assert!(hypothesis == 1 && (ln_lead - 20.0).abs() < 1e-6);
+        // As good as each other: no verdict between them.
+        let same = BallHypothesis {
+            table: 1,
+            ..direct.clone()
+        };
+        assert!(matches!(decide(&[direct, same]), Verdict::Tied { .. }));
+    }
+}

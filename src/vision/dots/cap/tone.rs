@@ -1,0 +1,89 @@
+//! What the dots of an image share: the tone curve, and a dot's size and sharpness.
+
+use crate::vision::optics::camera::BallView;
+
+/// Standard deviations of radius and blur, of these: of the first dot, and of one on a ball whose other dots are known.
+const SPREAD: [[f64; 2]; 2] = [[1.0, 1.0], [0.15, 0.25]];
+
+/// The blur's deviation that a fit starts from: pixels, or this part of the ball's radius where that is more.
+const BLUR: (f64, f64) = (0.7, 0.02);
+
+/// What is known of the tone curve: the bend `q`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tone {
+    pub bend: f64,
+    pub variance: f64,
+}
+
+impl Default for Tone {
+    /// Anything between a line and sRGB's.
+    fn default() -> Self {
+        Self {
+            bend: 0.6,
+            variance: 0.25,
+        }
+    }
+}
+
+impl Tone {
+    /// The square root of the light.
+    #[cfg(test)]
+    pub fn of_root() -> Self {
+        Self {
+            bend: 1.0,
+            variance: 0.01,
+        }
+    }
+
+    /// The light that is stored as `value`.
+    pub fn light(bend: f64, value: f64) -> f64 {
+        (1.0 - bend + bend * value) * value
+    }
+
+    /// The light that is stored as `value`, and its slope there.
+    pub fn light_and_slope(&self, value: f64) -> (f64, f64) {
+        let slope = 1.0 - self.bend + 2.0 * self.bend * value;
+        (Self::light(self.bend, value), slope)
+    }
+
+    /// How light is stored, and the curve's slope there.
+    pub fn shown(bend: f64, light: f64) -> (f64, f64) {
+        let straight = 1.0 - bend;
+        let root = (straight * straight + 4.0 * bend * light).sqrt();
+        (2.0 * light / (straight + root), 1.0 / root)
+    }
+}
+
+/// A cap's size and sharpness, and the tone curve.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct CapShape {
+    /// Angular radius, radians.
+    pub radius: f64,
+    /// Standard deviation of the edge's blur, pixels.
+    pub blur: f64,
+    pub tone: Tone,
+    /// Whether a dot of the ball had it.
+    pub is_known: bool,
+}
+
+impl CapShape {
+    /// Where nothing but about the radius is known of a dot.
+    pub fn first(radius: f64, view: &BallView) -> Self {
+        Self {
+            radius,
+            blur: BLUR.0.max(BLUR.1 * view.circle().radius),
+            tone: Tone::default(),
+            is_known: false,
+        }
+    }
+
+    /// Its unknowns and their variances.
+    pub fn expected(&self) -> [(f64, f64); 3] {
+        let [of_radius, of_blur] = SPREAD[usize::from(self.is_known)];
+        [
+            (self.radius, (of_radius * self.radius).powi(2)),
+            (self.blur, (of_blur * self.blur).powi(2)),
+            (self.tone.bend, self.tone.variance),
+        ]
+    }
+}

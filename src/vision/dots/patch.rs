@@ -1,0 +1,265 @@
+//! The ball cut out at one scale and one brightness, whatever the camera: the input of the
+//! detectors.
+//!
+//! The circle's center is mapped to the middle of [`SIZE`] x [`SIZE`] values, its radius is
+//! [`RADIUS`] values. Where the image is finer, each value is the mean over its square; where it is
+//! coarser, values are interpolated. Values are then shifted and scaled to mean 0 and standard
+//! deviation 1 over the ball, and set to 0 from [`RIM`] radii outwards: the background carries no
+//! information about dots.
+
+use crate::image::GrayImage;
+use crate::vision::optics::camera::{BallCircle, Pixel};
+
+/// Side of a patch.
+pub const SIZE: usize = 64;
+/// The ball's radius in a patch.
+pub const RADIUS: f64 = 28.0;
+/// Values farther out, in radii, are 0.
+pub const RIM: f64 = 1.1;
+/// Minimum standard deviation over the ball: a plain ball's noise is not blown up beyond that.
+const MIN_SPREAD: f32 = 0.01;
+
+/// Values about the rim of a covering outline that show neither the one nor the other; fewest values of a region with a level of its own.
+const EDGE: f64 = 1.5;
+const MIN_REGION: usize = 24;
+
+/// How a ball lies in a patch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Framing {
+    /// The ball's radius, values.
+    pub radius: f64,
+    /// Values farther out, in radii, are 0.
+    pub rim: f64,
+    /// Mean and standard deviation are taken up to here, in radii.
+    pub scaled_by: f64,
+    /// Whether values beyond the image are 0 rather than those of its border.
+    pub is_blank_outside: bool,
+}
+
+impl Framing {
+    /// For dots: the ball fills the patch, and what is behind it says nothing.
+    pub const DOTS: Self = Self {
+        radius: RADIUS,
+        rim: RIM,
+        scaled_by: 0.97,
+        is_blank_outside: false,
+    };
+    /// For outlines: with what is around the ball.
+    pub const OUTLINE: Self = Self {
+        radius: 20.0,
+        rim: f64::INFINITY,
+        scaled_by: f64::INFINITY,
+        is_blank_outside: true,
+    };
+}
+
+/// A ball, cut out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Patch {
+    values: Vec<f32>,
+    circle: BallCircle,
+    framing: Framing,
+    /// Mean and standard deviation over the ball before the values were scaled.
+    levels: [f32; 2],
+}
+
+impl Default for Patch {
+    /// An empty patch for dots, to be filled by [`Patch::cut_into`].
+    fn default() -> Self {
+        Self::new(Framing::DOTS)
+    }
+}
+
+impl Patch {
+    /// An empty patch, to be filled by [`Patch::cut_into`].
+    pub fn new(framing: Framing) -> Self {
+        Self {
+            values: vec![0.0; SIZE * SIZE],
+            circle: BallCircle::new(Pixel::default(), framing.radius),
+            framing,
+            levels: [0.0, 1.0],
+        }
+    }
+
+    /// Cuts the ball out of an image, framed for dots.
+    pub fn cut(image: &GrayImage, circle: &BallCircle) -> Self {
+        let mut patch = Self::default();
+        patch.cut_into(image, circle);
+        patch
+    }
+
+    /// As [`Patch::cut`], into existing memory.
+    pub fn cut_into(&mut self, image: &GrayImage, circle: &BallCircle) {
+        self.circle = *circle;
+        let Framing {
+            radius,
+            rim,
+            scaled_by,
+            is_blank_outside,
+        } = self.framing;
+        let (right, bottom) = (image.width() as f64 - 0.5, image.height() as f64 - 0.5);
+        let step = circle.radius / radius;
+        // Samples a side of a value's square, so that none of the image's pixels is passed over.
+        let fine = (step.ceil() as usize).clamp(1, 64);
+        let weight = 1.0 / (fine * fine) as f32;
+        let (mut sum, mut squares, mut count) = (0f64, 0f64, 0f64);
+        for row in 0..SIZE {
+            for column in 0..SIZE {
+                let out = out_of_middle(column, row);
+                let value = &mut self.values[row * SIZE + column];
+                let u = circle.center.u + step * (column as f64 - MIDDLE);
+                let v = circle.center.v + step * (row as f64 - MIDDLE);
+                let is_outside = !((-0.5..=right).contains(&u) && (-0.5..=bottom).contains(&v));
+                if out > rim * radius || (is_blank_outside && is_outside) {
+                    *value = f32::NAN;
+                    continue;
+                }
+                let mut total = 0.0;
+                for j in 0..fine {
+                    for i in 0..fine {
+                        let at = |k: usize, sub: usize| {
+                            k as f64 - MIDDLE + (sub as f64 + 0.5) / fine as f64 - 0.5
+                        };
+                        let u = circle.center.u + step * at(column, i);
+                        let v = circle.center.v + step * at(row, j);
+                        total += image.sample(u, v);
+                    }
+                }
+                *value = total * weight;
+                if out < scaled_by * radius {
+                    sum += f64::from(*value);
+                    squares += f64::from(*value) * f64::from(*value);
+                    count += 1.0;
+                }
+            }
+        }
+        let count = count.max(1.0);
+        let mean = sum / count;
+        let spread = ((squares / count - mean * mean).max(0.0).sqrt() as f32).max(MIN_SPREAD);
+        self.levels = [mean as f32, spread];
+        for value in &mut self.values {
+            *value = if value.is_nan() {
+                0.0
+            } else {
+                (*value - mean as f32) / spread
+            };
+        }
+    }
+
+    /// Takes out what other balls' outlines cover: light that they add, which leaves the ball's dots as deep as they are, or all that is
+    /// seen there. `seen_at` leads from the pixels that the patch was cut from to those of the outlines.
+    pub(crate) fn uncover(
+        &mut self,
+        covers: &[BallCircle],
+        is_added: bool,
+        seen_at: impl Fn(Pixel) -> Pixel,
+    ) {
+        let own = self.framing.scaled_by * self.framing.radius;
+        let rim = self.framing.rim * self.framing.radius;
+        let step = self.step();
+        // For each value the outlines that cover it, and whether the rim of one crosses it; none beyond the ball.
+        let of = |at: usize| -> Option<(usize, bool)> {
+            let (column, row) = (at % SIZE, at / SIZE);
+            if out_of_middle(column, row) > rim {
+                return None;
+            }
+            let Pixel { u, v } = seen_at(self.to_image(column as f64, row as f64));
+            let out = |c: &BallCircle| ((u - c.center.u).hypot(v - c.center.v) - c.radius) / step;
+            let covering = covers.iter().map(out).enumerate();
+            let key = covering
+                .clone()
+                .filter(|(_, out)| *out < EDGE)
+                .fold(0, |key, (k, _)| key | 1 << k);
+            let is_edge = covering.into_iter().any(|(_, out)| out.abs() < EDGE);
+            Some((key, is_edge))
+        };
+        let keys: Vec<Option<(usize, bool)>> = (0..SIZE * SIZE).map(of).collect();
+        let is_inside = |at: usize| out_of_middle(at % SIZE, at / SIZE) < own;
+        let mean = |key: usize| -> Option<f32> {
+            let within = |at: &usize| keys[*at].is_some_and(|k| k.0 == key) && is_inside(*at);
+            let of_key: Vec<f32> = (0..SIZE * SIZE)
+                .filter(within)
+                .map(|at| self.values[at])
+                .collect();
+            (of_key.len() >= MIN_REGION).then(|| of_key.iter().sum::<f32>() / of_key.len() as f32)
+        };
+        let Some(bare) = mean(0) else {
+            return;
+        };
+        let regions = 1usize << covers.len();
+        let offsets: Vec<Option<f32>> = (0..regions).map(|k| mean(k).map(|m| m - bare)).collect();
+        for (value, key) in self.values.iter_mut().zip(&keys) {
+            match key {
+                None | Some((0, _)) => {}
+                Some((key, is_edge)) => match offsets[*key].filter(|_| is_added && !is_edge) {
+                    Some(offset) => *value -= offset,
+                    None => *value = bare,
+                },
+            }
+        }
+        let inside = || (0..SIZE * SIZE).filter(|at| is_inside(*at));
+        let count = inside().count() as f32;
+        let middle = inside().map(|at| self.values[at]).sum::<f32>() / count;
+        let squares = inside()
+            .map(|at| (self.values[at] - middle).powi(2))
+            .sum::<f32>();
+        let spread = (squares / count).sqrt().max(MIN_SPREAD / self.levels[1]);
+        for (value, key) in self.values.iter_mut().zip(&keys) {
+            if key.is_some() {
+                *value = (*value - middle) / spread;
+            }
+        }
+        self.levels = [
+            self.levels[0] + middle * self.levels[1],
+            spread * self.levels[1],
+        ];
+    }
+
+    /// The values, row after row from the top.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// The brightness of a value 0, and that of a difference of 1.
+    pub fn levels(&self) -> [f32; 2] {
+        self.levels
+    }
+
+    /// The circle that was cut out.
+    pub fn circle(&self) -> &BallCircle {
+        &self.circle
+    }
+
+    /// Pixels of the image per value of the patch.
+    pub fn step(&self) -> f64 {
+        self.circle.radius / self.framing.radius
+    }
+
+    /// Where a position in the patch (column, row) lies in the image.
+    pub fn to_image(&self, column: f64, row: f64) -> Pixel {
+        Pixel {
+            u: self.circle.center.u + self.step() * (column - MIDDLE),
+            v: self.circle.center.v + self.step() * (row - MIDDLE),
+        }
+    }
+
+    /// Where a position in the image lies in the patch: (column as u, row as v).
+    pub fn from_image(&self, pixel: Pixel) -> Pixel {
+        in_patch(&self.circle, self.step(), pixel)
+    }
+}
+
+/// The patch's middle, in columns and rows.
+pub const MIDDLE: f64 = 0.5 * (SIZE as f64 - 1.0);
+
+/// Where a position in the image lies in the patch of a ball, `step` pixels a value.
+fn in_patch(circle: &BallCircle, step: f64, pixel: Pixel) -> Pixel {
+    Pixel {
+        u: MIDDLE + (pixel.u - circle.center.u) / step,
+        v: MIDDLE + (pixel.v - circle.center.v) / step,
+    }
+}
+
+fn out_of_middle(column: usize, row: usize) -> f64 {
+    (column as f64 - MIDDLE).hypot(row as f64 - MIDDLE)
+}

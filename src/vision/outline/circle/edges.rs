@@ -1,0 +1,399 @@
+//! The image unrolled around a center, its edges, and the circle through them.
+//!
+//! On the ray at the angle `a` the edge at the radius `e(a)` leaves the circle `(u, v, r)` the residual
+//! `|c + e (cos a, sin a) - (u, v)| - r`, whose derivatives are `-cos a, -sin a, -1` to first order.
+
+mod ellipse;
+
+use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use self::ellipse::Parameters;
+use super::vote::Center;
+use super::{BallCircle, BallFit, GrayImage, Pixel, Polarity};
+use crate::stats::biweight;
+use crate::vision::optics::sums::Sums;
+
+/// Rays around a center.
+const RAYS: usize = 72;
+/// Samples a pixel along a ray.
+const FINE: f64 = 2.0;
+/// Maximum number of samples on a ray, and of edges on it.
+const SAMPLES: usize = 96;
+const EDGES: usize = 4;
+/// Standard deviation of the smoothing of derivatives, pixels.
+const SMOOTHING: f64 = 0.8;
+/// Edges below this part of the strong ones' slope (the upper quartile of the rays' strongest) are none.
+const FAINT: f32 = 0.15;
+/// Edges below this slope, brightness per pixel, are none: a step of 1 of 255.
+const FAINTEST: f32 = 0.004;
+/// On both sides of an edge, within so many samples, the slope falls below this part of its peak: else it is a ramp.
+const FLANK: (usize, f32) = (8, 0.75);
+/// Reach of Tukey's biweight in the successive fits, in radii; then in pixels, for the last.
+const REACH: [f64; 4] = [0.2, 0.12, 0.08, 0.05];
+const LAST_REACH: f64 = 1.5;
+/// An edge off the outline by less than this, in radii, supports it.
+const TOLERANCE: f64 = 0.04;
+/// Minimum share of rays with an edge at a rough radius; what has less is not fitted.
+const WORTHWHILE: f64 = 0.3;
+/// The reach is at least this many standard deviations of the residuals.
+const TUKEY: f64 = 4.7;
+/// Edges on neighboring rays share their pixels: so many rays are worth one.
+const CORRELATED: f64 = 2.0;
+/// The systematic error of an outline (shading, blur), pixels, added to the scatter's.
+const SYSTEMATIC: f64 = 0.05;
+
+/// An edge on a ray.
+#[derive(Debug, Clone, Copy, Default)]
+struct Edge {
+    radius: f64,
+    /// Fall of the brightness outwards (for dark balls, rise), per pixel; 0 for no edge.
+    slope: f32,
+}
+
+/// Working memory.
+#[derive(Debug)]
+pub(crate) struct Unrolled {
+    /// Where the rays begin.
+    origin: Vector2<f64>,
+    directions: Vec<[f64; 2]>,
+    kernel: Vec<f32>,
+    values: [f32; SAMPLES],
+    slopes: [f32; SAMPLES],
+    edges: Vec<[Edge; EDGES]>,
+    strongest: Vec<f32>,
+    /// How far the image reaches along each ray.
+    reaches: Vec<f64>,
+}
+
+impl Default for Unrolled {
+    fn default() -> Self {
+        let direction = |k: usize| {
+            let (sin, cos) = (TAU * k as f64 / RAYS as f64).sin_cos();
+            [cos, sin]
+        };
+        let sigma = SMOOTHING * FINE;
+        let half = (2.5 * sigma).ceil() as i64;
+        let weight = |k: i64| {
+            let x = k as f64 / sigma;
+            -x * (-0.5 * x * x).exp()
+        };
+        // A ramp that falls by 1 a pixel has the slope 1.
+        let norm: f64 = (-half..=half).map(|k| weight(k) * k as f64).sum::<f64>() / FINE;
+        Self {
+            origin: Vector2::zeros(),
+            directions: (0..RAYS).map(direction).collect(),
+            kernel: (-half..=half).map(|k| (weight(k) / norm) as f32).collect(),
+            values: [0.0; SAMPLES],
+            slopes: [0.0; SAMPLES],
+            edges: vec![[Edge::default(); EDGES]; RAYS],
+            strongest: Vec::with_capacity(RAYS),
+            reaches: vec![0.0; RAYS],
+        }
+    }
+}
+
+impl Unrolled {
+    /// The radius around a center, of those voted for, at which most rays have an edge of this sign, and a measure of how
+    /// many: about the share of the rays.
+    pub fn radius(
+        &mut self,
+        image: &GrayImage,
+        center: &Center,
+        voted: RangeInclusive<usize>,
+        sign: f64,
+    ) -> Option<(f64, f64)> {
+        let (from, to) = (0.8 * *voted.start() as f64, 1.2 * *voted.end() as f64);
+        let start = Vector3::new(center.u, center.v, 0.0);
+        // Rays must reach beyond the largest trial, or none would count there.
+        self.find_edges(image, &start, (from, to + 2.0), sign);
+        let (mut best, mut most) = (None, WORTHWHILE);
+        let mut trial = from;
+        while trial <= to {
+            let ray = |edges: &[Edge; EDGES]| {
+                let near = |e: &Edge| (1.0 - ((e.radius - trial) / 2.0).powi(2)).max(0.0);
+                edges.iter().map(near).fold(0.0, f64::max)
+            };
+            let seen = self.reaches.iter().filter(|r| **r > trial + 1.0).count();
+            let sum: f64 = self.edges.iter().map(ray).sum();
+            // Rays that the border cuts cannot have an edge: what is left counts for them, in part.
+            let worth = 1.3 * sum / (seen as f64 + 0.3 * RAYS as f64);
+            if worth > most {
+                (best, most) = (Some((trial, worth)), worth);
+            }
+            trial += 0.5;
+        }
+        best
+    }
+
+    /// Fits the circle from `start` (u, v, r).
+    pub fn fit(
+        &mut self,
+        image: &GrayImage,
+        start: Vector3<f64>,
+        polarity: Polarity,
+    ) -> Option<BallFit> {
+        let sign = polarity.sign();
+        let mut circle = start;
+        for (round, reach) in REACH.into_iter().enumerate() {
+            let wide = if round == 0 { 0.3 } else { 0.2 };
+            let range = ((1.0 - wide) * circle.z, (1.0 + wide) * circle.z);
+            self.find_edges(image, &circle, range, sign);
+            let reach = (reach * circle.z).max(LAST_REACH);
+            for _ in 0..3 {
+                circle = self.step(&circle, reach)?.0;
+            }
+            let inside = circle.x > 0.0
+                && circle.y > 0.0
+                && circle.x < image.width() as f64
+                && circle.y < image.height() as f64
+                && circle.z > 2.0;
+            let sane = inside
+                && (circle.z / start.z).ln().abs() < 0.5
+                && (circle.xy() - start.xy()).norm() < 0.6 * start.z;
+            if !sane {
+                return None;
+            }
+        }
+        let scatter = self.step(&circle, LAST_REACH)?.1;
+        let reach = (TUKEY * scatter).clamp(0.8, LAST_REACH);
+        for _ in 0..3 {
+            circle = self.step(&circle, reach)?.0;
+        }
+        let (_, scatter, information) = self.step(&circle, reach)?;
+        let variance = CORRELATED * scatter * scatter + SYSTEMATIC * SYSTEMATIC;
+        let covariance = information.try_inverse()? * variance;
+        self.judge(image, &circle_parameters(&circle), covariance, polarity)
+    }
+
+    /// One reweighted step; the new circle, the residuals' standard deviation, and the sum of `w J^T J` with the weights'
+    /// mean 1.
+    fn step(&self, circle: &Vector3<f64>, reach: f64) -> Option<(Vector3<f64>, f64, Matrix3<f64>)> {
+        let (sums, tukey, _) = self.sums::<3>(&circle_parameters(circle), reach);
+        if tukey < 4.0 {
+            return None;
+        }
+        // A breath of a prior: short arcs leave the radius open.
+        let (information, total) = (sums.symmetric(), sums.weights);
+        let hold = Matrix3::from_diagonal_element(1e-3 * total);
+        let step = (information + hold)
+            .cholesky()?
+            .solve(&Vector3::from(sums.gradient));
+        Some((circle + step, sums.scatter(), information * (tukey / total)))
+    }
+
+    /// The sums over the edges within reach of an outline, for a fit of its first `N` parameters; the sum of Tukey's weights
+    /// without the slopes', and the number of the edges.
+    fn sums<const N: usize>(&self, outline: &Parameters, reach: f64) -> (Sums<N>, f64, usize) {
+        let (mut sums, mut total, mut count) = (Sums::default(), 0.0, 0);
+        for ray in 0..RAYS {
+            let Some((edge, (residual, j))) = self.nearest(ray, outline) else {
+                continue;
+            };
+            let t = residual / reach;
+            if t.abs() >= 1.0 {
+                continue;
+            }
+            let tukey = biweight(t);
+            let by = std::array::from_fn(|k| j[k]);
+            sums.add(&by, residual, tukey * f64::from(edge.slope.sqrt()));
+            total += tukey;
+            count += 1;
+        }
+        (sums, total, count)
+    }
+
+    /// Finds the edges on all rays from a center (u, v, _) between two radii.
+    fn find_edges(
+        &mut self,
+        image: &GrayImage,
+        center: &Vector3<f64>,
+        (from, to): (f64, f64),
+        sign: f64,
+    ) {
+        self.origin = center.xy();
+        let half = self.kernel.len() / 2;
+        let margin = half as f64 / FINE;
+        let begin = (from - margin).max(0.0);
+        let count = (((to + margin - begin) * FINE) as usize).min(SAMPLES);
+        let (right, bottom) = ((image.width() - 1) as f64, (image.height() - 1) as f64);
+        // Where no ray leaves the image, no place has to be compared with its borders.
+        let farthest = begin + count as f64 / FINE;
+        let is_inside = center.x - farthest >= 0.0
+            && center.y - farthest >= 0.0
+            && center.x + farthest < right
+            && center.y + farthest < bottom;
+        for ray in 0..RAYS {
+            let [cos, sin] = self.directions[ray];
+            let mut sampled = 0;
+            if is_inside {
+                for (k, value) in self.values[..count].iter_mut().enumerate() {
+                    let radius = begin + k as f64 / FINE;
+                    *value = image.sample_inside(center.x + radius * cos, center.y + radius * sin);
+                }
+                sampled = count;
+            }
+            while sampled < count {
+                let k = sampled;
+                let radius = begin + k as f64 / FINE;
+                let (u, v) = (center.x + radius * cos, center.y + radius * sin);
+                if !(u >= -0.5 && v >= -0.5 && u <= right + 0.5 && v <= bottom + 0.5) {
+                    break;
+                }
+                self.values[k] = image.sample(u, v);
+                sampled = k + 1;
+            }
+            self.reaches[ray] = begin + sampled.saturating_sub(half) as f64 / FINE;
+            self.slopes.fill(0.0);
+            for k in half..sampled.saturating_sub(half) {
+                let window = &self.values[k - half..=k + half];
+                let slope: f32 = window.iter().zip(&self.kernel).map(|(v, w)| v * w).sum();
+                self.slopes[k] = if sign == 0.0 {
+                    slope.abs()
+                } else {
+                    -(sign as f32) * slope
+                };
+            }
+            self.edges[ray] = peaks(&self.slopes[..sampled], begin);
+        }
+        self.drop_faint();
+    }
+
+    /// Forgets edges that are faint against the strong ones.
+    fn drop_faint(&mut self) {
+        let strongest = |edges: &[Edge; EDGES]| edges.iter().map(|e| e.slope).fold(0.0, f32::max);
+        self.strongest.clear();
+        self.strongest.extend(self.edges.iter().map(strongest));
+        self.strongest.sort_unstable_by(f32::total_cmp);
+        let least = (FAINT * self.strongest[RAYS * 3 / 4]).max(FAINTEST);
+        for edge in self.edges.iter_mut().flatten() {
+            if edge.slope < least {
+                edge.slope = 0.0;
+            }
+        }
+    }
+
+    /// How much the brightness falls across the outline on a ray, a tenth of the radius to either side; of either sign for
+    /// `sign` 0.
+    fn fall(&self, image: &GrayImage, outline: &Parameters, ray: usize, sign: f64) -> f64 {
+        let [cos, sin] = self.directions[ray];
+        let radius = radius_at(outline, cos, sin);
+        let at = |out: f64| f64::from(image.sample(outline[0] + out * cos, outline[1] + out * sin));
+        let fall = at(0.9 * radius) - at(1.1 * radius);
+        if sign == 0.0 { fall.abs() } else { fall }
+    }
+
+    /// What the fitted outline is worth; `covariance` is that of center and radius by the scatter of the edges.
+    fn judge(
+        &self,
+        image: &GrayImage,
+        outline: &Parameters,
+        covariance: Matrix3<f64>,
+        polarity: Polarity,
+    ) -> Option<BallFit> {
+        let sign = polarity.sign();
+        let (mut seen, mut supported) = (0.0, 0.0);
+        let (mut contrast, mut slope) = (0.0, 0.0);
+        let tolerance = (TOLERANCE * outline[2]).max(0.6);
+        let (right, bottom) = ((image.width() - 1) as f64, (image.height() - 1) as f64);
+        for ray in 0..RAYS {
+            let [cos, sin] = self.directions[ray];
+            let out = radius_at(outline, cos, sin) + SMOOTHING * 2.5;
+            let (u, v) = (outline[0] + out * cos, outline[1] + out * sin);
+            if !(u >= -0.5 && v >= -0.5 && u <= right + 0.5 && v <= bottom + 0.5) {
+                continue;
+            }
+            seen += 1.0;
+            let Some((edge, _)) = self
+                .nearest(ray, outline)
+                .filter(|(_, r)| r.0.abs() <= tolerance)
+            else {
+                continue;
+            };
+            supported += 1.0;
+            contrast += self.fall(image, outline, ray, sign);
+            slope += f64::from(edge.slope);
+        }
+        if supported < 4.0 {
+            return None;
+        }
+        let contrast = contrast / supported;
+        // The size of the step that the edges show; of the wrong sign, none.
+        let step = if sign == 0.0 {
+            contrast
+        } else {
+            (sign * contrast).max(0.0)
+        };
+        Some(BallFit {
+            circle: ball_circle(outline),
+            covariance: covariance + Matrix3::from_diagonal_element(SYSTEMATIC * SYSTEMATIC),
+            support: supported / seen,
+            visible: seen / RAYS as f64,
+            polarity,
+            // Of a ball that is no brighter than what is behind it, nothing is left.
+            contrast: if sign < 0.0 { -step } else { step },
+            edge_width: step * supported / slope,
+            rivals: 0,
+        })
+    }
+}
+
+fn circle_parameters(circle: &Vector3<f64>) -> Parameters {
+    Parameters::new(circle.x, circle.y, circle.z, 0.0, 0.0)
+}
+
+/// The outline's radius in a direction.
+fn radius_at(outline: &Parameters, cos: f64, sin: f64) -> f64 {
+    let form = outline[3] * (cos * cos - sin * sin) + outline[4] * 2.0 * sin * cos;
+    outline[2] / (1.0 + form).max(1e-3).sqrt()
+}
+
+fn ball_circle(outline: &Parameters) -> BallCircle {
+    let center = Pixel {
+        u: outline[0],
+        v: outline[1],
+    };
+    let (p, q) = (outline[3], outline[4]);
+    let stretch = p.hypot(q);
+    if stretch == 0.0 {
+        return BallCircle::new(center, outline[2]);
+    }
+    // The radius is largest where the cosine of twice the angle to (p, q) is -1.
+    let angle = 0.5 * (-q).atan2(-p);
+    let length = (2.0 * stretch / (1.0 + stretch)).sqrt();
+    BallCircle {
+        center,
+        radius: outline[2] / (1.0 + stretch).sqrt(),
+        eccentricity: Vector2::new(angle.cos(), angle.sin()) * length,
+    }
+}
+
+/// The strongest peaks of the slopes along a ray, between samples by a parabola.
+fn peaks(slopes: &[f32], begin: f64) -> [Edge; EDGES] {
+    let mut found = [Edge::default(); EDGES];
+    for k in 1..slopes.len().saturating_sub(1) {
+        let [a, b, c] = [slopes[k - 1], slopes[k], slopes[k + 1]];
+        // Ends of the range, where no slope is known, are no edges.
+        if b <= 0.0 || a >= b || c > b || a == 0.0 || c == 0.0 {
+            continue;
+        }
+        let falls = |flank: &[f32]| flank.iter().any(|s| *s < FLANK.1 * b);
+        let after = (k + 1 + FLANK.0).min(slopes.len());
+        if !falls(&slopes[k.saturating_sub(FLANK.0)..k]) || !falls(&slopes[k + 1..after]) {
+            continue;
+        }
+        let shift = f64::from(0.5 * (a - c) / (a - 2.0 * b + c));
+        let edge = Edge {
+            radius: begin + (k as f64 + shift) / FINE,
+            slope: b,
+        };
+        let at = found.iter().position(|e| e.slope < b);
+        if let Some(at) = at {
+            found[at..].rotate_right(1);
+            found[at] = edge;
+        }
+    }
+    found
+}

@@ -1,0 +1,221 @@
+//! Votes of edges for the centers of circles.
+
+use std::ops::RangeInclusive;
+
+use super::{BallCircle, GrayImage};
+
+/// Minimum radius that is voted for, pixels.
+pub(crate) const MIN: usize = 10;
+/// Largest radius that is voted for: twice the minimum, as images are halved.
+pub(crate) const MAX: usize = 20;
+/// Gradients above that of this rank (an outline has about as many pixels) count as no more: one bright edge is not ten.
+const STRONG: usize = 64;
+/// Gradients below this part of the strong ones do not vote: shading, noise.
+const WEAK: f32 = 0.15;
+/// Edges this near to a circle's rim, in radii and at least in pixels, are the circle's.
+const RIM: f64 = 0.2;
+const MIN_RIM: f64 = 2.0;
+/// Centers of one circle lie within this many pixels.
+const APART: isize = 3;
+
+/// A center with votes, pixels of the image that voted.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Center {
+    pub u: f64,
+    pub v: f64,
+    votes: f32,
+}
+
+/// A ballot, one number a pixel.
+#[derive(Debug, Default)]
+pub(crate) struct Votes {
+    width: usize,
+    height: usize,
+    gradients: Vec<[f32; 3]>,
+    lengths: Vec<f32>,
+    counts: Vec<f32>,
+    smooth: Vec<f32>,
+    /// Sums of three neighbors in a row.
+    threes: Vec<f32>,
+    /// The length of a strong gradient; 0 where there is none.
+    strong: f32,
+}
+
+impl Votes {
+    /// Reserves capacity for images of as many pixels.
+    pub fn reserve(&mut self, pixels: usize) {
+        self.gradients
+            .reserve(pixels.saturating_sub(self.gradients.len()));
+        for numbers in [
+            &mut self.lengths,
+            &mut self.counts,
+            &mut self.smooth,
+            &mut self.threes,
+        ] {
+            numbers.reserve(pixels.saturating_sub(numbers.len()));
+        }
+    }
+
+    /// Finds the edges that vote: not those about the rims of these circles, pixels of the image, so that what they
+    /// outshone does.
+    pub fn look(&mut self, image: &GrayImage, rims: impl Iterator<Item = BallCircle>) {
+        (self.width, self.height) = (image.width(), image.height());
+        self.find_gradients(image);
+        for rim in rims {
+            let BallCircle { center, radius, .. } = rim;
+            let width = (RIM * radius).max(MIN_RIM);
+            let reach = radius + width;
+            let within = |from: f64, to: f64, all: usize| {
+                from.max(0.0) as usize..((to + 1.0).max(0.0) as usize).min(all)
+            };
+            for v in within(center.v - reach, center.v + reach, self.height) {
+                for u in within(center.u - reach, center.u + reach, self.width) {
+                    let out = (u as f64 - center.u).hypot(v as f64 - center.v);
+                    if (out - radius).abs() < width {
+                        self.gradients[v * self.width + u] = [0.0; 3];
+                    }
+                }
+            }
+        }
+        self.lengths.clear();
+        self.lengths
+            .extend(self.gradients.iter().map(|[.., length]| length));
+        self.strong = self.strong_length();
+    }
+
+    /// Casts the votes of all edges for centers at these distances: uphill of edges (`sign` 1, balls brighter than what
+    /// is behind them), downhill (-1), or both (0).
+    pub fn cast(&mut self, radii: RangeInclusive<usize>, sign: f64) {
+        self.counts.clear();
+        self.counts.resize(self.width * self.height, 0.0);
+        let strong = self.strong;
+        if strong <= 0.0 {
+            return;
+        }
+        for v in 0..self.height {
+            for u in 0..self.width {
+                let [x, y, length] = self.gradients[v * self.width + u];
+                if length < WEAK * strong {
+                    continue;
+                }
+                let weight = length.min(strong);
+                let (x, y) = (x / length, y / length);
+                if sign >= 0.0 {
+                    self.vote(radii.clone(), [u as f32, v as f32], [x, y], weight);
+                }
+                if sign <= 0.0 {
+                    self.vote(radii.clone(), [u as f32, v as f32], [-x, -y], weight);
+                }
+            }
+        }
+    }
+
+    /// Votes for all centers in a direction from a pixel.
+    fn vote(
+        &mut self,
+        radii: RangeInclusive<usize>,
+        [u, v]: [f32; 2],
+        [x, y]: [f32; 2],
+        weight: f32,
+    ) {
+        for radius in radii {
+            // Half a pixel on, and cut: the nearest pixel.
+            let at_u = u + radius as f32 * x + 0.5;
+            let at_v = v + radius as f32 * y + 0.5;
+            let inside =
+                at_u >= 0.0 && at_v >= 0.0 && at_u < self.width as f32 && at_v < self.height as f32;
+            if inside {
+                self.counts[at_v as usize * self.width + at_u as usize] += weight;
+            }
+        }
+    }
+
+    /// The length of a strong edge's gradient.
+    fn strong_length(&mut self) -> f32 {
+        let rank = STRONG.min(self.lengths.len() - 1);
+        *self
+            .lengths
+            .select_nth_unstable_by(rank, |a, b| b.total_cmp(a))
+            .1
+    }
+
+    /// Sobel's gradients, each with its length.
+    fn find_gradients(&mut self, image: &GrayImage) {
+        self.gradients.clear();
+        for v in 0..self.height {
+            let row = |v: usize| image.row(v, 0, self.width);
+            let (above, below) = (v.saturating_sub(1), (v + 1).min(self.height - 1));
+            let (above, here, below) = (row(above), row(v), row(below));
+            for u in 0..self.width {
+                let (l, r) = (u.saturating_sub(1), (u + 1).min(self.width - 1));
+                let x = above[r] + 2.0 * here[r] + below[r] - above[l] - 2.0 * here[l] - below[l];
+                let y = below[l] + 2.0 * below[u] + below[r] - above[l] - 2.0 * above[u] - above[r];
+                let length = (x * x + y * y).sqrt();
+                self.gradients.push([x, y, length]);
+            }
+        }
+    }
+
+    /// The centers with most votes, at most `count` of them, best first.
+    pub fn strongest(&mut self, count: usize, into: &mut Vec<Center>) {
+        self.smooth();
+        into.clear();
+        let most = self.smooth.iter().copied().fold(0.0, f32::max);
+        let (width, height) = (self.width as isize, self.height as isize);
+        for v in 0..height {
+            for u in 0..width {
+                let votes = self.smooth[(v * width + u) as usize];
+                // A center with less than a third of the best one's votes is no rival of it.
+                if votes <= most / 3.0 || !self.is_peak(u, v, votes) {
+                    continue;
+                }
+                let at = into.partition_point(|c| c.votes >= votes);
+                if at < count {
+                    into.truncate(count - 1);
+                    let (u, v) = (u as f64, v as f64);
+                    into.insert(at, Center { u, v, votes });
+                }
+            }
+        }
+    }
+
+    /// Whether no pixel nearby has more votes (of equals, the first is the peak).
+    fn is_peak(&self, u: isize, v: isize, votes: f32) -> bool {
+        let (width, height) = (self.width as isize, self.height as isize);
+        for other_v in (v - APART).max(0)..=(v + APART).min(height - 1) {
+            for other_u in (u - APART).max(0)..=(u + APART).min(width - 1) {
+                let other = self.smooth[(other_v * width + other_u) as usize];
+                let before = (other_v, other_u) < (v, u);
+                if other > votes || (other == votes && before) {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// Sums over 3 x 3 pixels: a center is not known better than that.
+    fn smooth(&mut self) {
+        let (width, height) = (self.width, self.height);
+        self.threes.clear();
+        for row in self.counts.chunks_exact(width) {
+            let at = |u: usize| row.get(u).copied().unwrap_or(0.0);
+            self.threes
+                .extend((0..width).map(|u| at(u.wrapping_sub(1)) + at(u) + at(u + 1)));
+        }
+        self.smooth.clear();
+        for v in 0..height {
+            let row = |v: usize| self.threes.get(v * width..(v + 1) * width);
+            let here = &self.threes[v * width..][..width];
+            let above = v.checked_sub(1).and_then(row);
+            let below = row(v + 1);
+            self.smooth.extend_from_slice(here);
+            let sums = &mut self.smooth[v * width..];
+            for other in [above, below].into_iter().flatten() {
+                for (sum, x) in sums.iter_mut().zip(other) {
+                    *sum += x;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! The ball's outline from a net: where it lies although hands, shadows or a background of the same
+//! brightness hide a part of it.
+//!
+//! The net sees the surroundings of a rough circle. For every cell it gives the signed distance to
+//! the outline, `d`, and its standard deviation. The circle `(c, r)` minimizes
+//! `sum rho((|p - c| - r - d) / s)` over the cells `p` near the outline, with Student's `rho` for
+//! `nu` degrees of freedom (K. Lange et al., "Robust statistical modeling using the t distribution",
+//! JASA 84, 1989), by Gauss-Newton. The patch is then cut anew around it: a net sees best what it
+//! sees at the size that it was trained for.
+//!
+//! Neighboring cells err together. The covariance is calibrated by one factor on frames that were
+//! not trained on.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::error::{Error, Result};
+use crate::image::GrayImage;
+use crate::vision::dots::net::cell_center;
+use crate::vision::dots::patch::{Framing, MIDDLE, Patch};
+use crate::vision::frame::outline::{Outline, OutlineSource};
+use crate::vision::net::graph::{CELLS, Head, OutlineChannel};
+use crate::vision::net::network::{Activations, Network};
+use crate::vision::net::weights::Weights;
+use crate::vision::optics::camera::{BallCircle, Pixel};
+
+/// The unit of distances, in the patch's values.
+pub const UNIT: f64 = 4.0;
+/// Cells farther from the outline than this, in the patch's values, have no say.
+pub const REACH: f64 = 10.0;
+/// Bounds of the logarithm of the inverse deviation.
+pub const LN_RANGE: [f32; 2] = [-2.5, 4.0];
+/// Degrees of freedom of the residuals.
+const DEGREES: f64 = 4.0;
+/// Gauss-Newton steps.
+const STEPS: usize = 6;
+/// Maximum number of patches cut for one outline.
+const PATCHES: usize = 4;
+/// A change of the circle below this part of its radius ends the search.
+const CONVERGED: f64 = 0.02;
+/// Cells that must be near the outline.
+const MIN_CELLS: usize = 24;
+
+/// The net for outlines.
+#[derive(Debug, Clone)]
+pub struct OutlineNet {
+    network: Network,
+    covariance_factor: f64,
+}
+
+/// Working memory of an [`OutlineNet`], one a thread.
+#[derive(Debug, Clone)]
+pub struct OutlineWorkspace {
+    activations: Activations,
+    patch: Patch,
+}
+
+impl Default for OutlineWorkspace {
+    fn default() -> Self {
+        Self {
+            activations: Activations::new(Head::Outline),
+            patch: Patch::new(Framing::OUTLINE),
+        }
+    }
+}
+
+impl OutlineNet {
+    /// The net that comes with this crate.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where this crate was built with damaged weights.
+    pub fn built_in() -> Result<Self> {
+        Self::new(&Weights::built_in(Head::Outline)?)
+    }
+
+    /// A net with the given weights.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the weights do not fit.
+    pub fn new(weights: &Weights) -> Result<Self> {
+        if weights.meta.head != Head::Outline {
+            let problem = "expected those of a net for the outline, found those of one for dots";
+            return Err(Error::argument("weights", problem));
+        }
+        Ok(Self {
+            network: Network::new(Head::Outline, &weights.layers)?,
+            covariance_factor: weights.meta.calibration.covariance_factor,
+        })
+    }
+
+    /// The outline of a ball near a rough circle: up to a third of the radius off. `None` where the
+    /// net sees none.
+    pub fn find_near(
+        &self,
+        image: &GrayImage,
+        rough: &BallCircle,
+        ws: &mut OutlineWorkspace,
+    ) -> Option<Outline> {
+        let mut circle = *rough;
+        let mut found = None;
+        for _ in 0..PATCHES {
+            ws.patch.cut_into(image, &circle);
+            let cells = self.network.forward(&ws.patch, &mut ws.activations);
+            let fit = fit_cells(cells)?;
+            let step = ws.patch.step();
+            let next = BallCircle::new(
+                ws.patch
+                    .to_image(MIDDLE + fit.circle.x, MIDDLE + fit.circle.y),
+                fit.circle.z * step,
+            );
+            let moved = (next.center.u - circle.center.u)
+                .hypot(next.center.v - circle.center.v)
+                .max((next.radius - circle.radius).abs());
+            found = Some(Outline {
+                circle: next,
+                covariance: fit.covariance * (step * step * self.covariance_factor),
+                source: OutlineSource::Detected,
+            });
+            circle = next;
+            if moved < CONVERGED * circle.radius {
+                break;
+            }
+        }
+        found
+    }
+}
+
+/// A circle in a patch: center relative to the patch's middle and radius, values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellFit {
+    /// Center (columns, rows) and radius.
+    pub circle: Vector3<f64>,
+    /// Their covariance, as if cells were independent.
+    pub covariance: Matrix3<f64>,
+}
+
+/// The circle that fits a net's cells best; `None` where too few are near it.
+pub fn fit_cells(cells: &[f32]) -> Option<CellFit> {
+    let area = CELLS * CELLS;
+    let (distances, precisions) = cells.split_at(OutlineChannel::LnPrecision as usize * area);
+    let mut circle = Vector3::new(0.0, 0.0, Framing::OUTLINE.radius);
+    let mut covariance = None;
+    for _ in 0..STEPS {
+        let (mut information, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
+        let mut near = 0;
+        for (cell, (d, ln)) in distances.iter().zip(precisions).enumerate() {
+            let column = cell_center(cell % CELLS) - MIDDLE - circle.x;
+            let row = cell_center(cell / CELLS) - MIDDLE - circle.y;
+            let out = column.hypot(row);
+            let d = UNIT * f64::from(*d);
+            if d.abs() > REACH || out < 1.0 {
+                continue;
+            }
+            near += 1;
+            let precision = (2.0 * f64::from(ln.clamp(LN_RANGE[0], LN_RANGE[1]))).exp();
+            let precision = precision / (UNIT * UNIT);
+            let residual = out - circle.z - d;
+            let weight = precision * (DEGREES + 1.0) / (DEGREES + precision * residual * residual);
+            let j = Vector3::new(column / out, row / out, 1.0);
+            information += j * j.transpose() * weight;
+            gradient += j * (weight * residual);
+        }
+        if near < MIN_CELLS {
+            return None;
+        }
+        circle += information.cholesky()?.solve(&gradient);
+        let is_sane =
+            circle.xy().norm() < Framing::OUTLINE.radius && (5.0..60.0).contains(&circle.z);
+        if !is_sane {
+            return None;
+        }
+        covariance = information.try_inverse();
+    }
+    Some(CellFit {
+        circle,
+        covariance: covariance?,
+    })
+}
+
+/// Where a circle lies in a patch of the given framing circle: center relative to the middle, and
+/// radius, values.
+pub fn in_patch(patch: &Patch, circle: &BallCircle) -> Vector3<f64> {
+    let Pixel { u, v } = patch.from_image(circle.center);
+    Vector3::new(u - MIDDLE, v - MIDDLE, circle.radius / patch.step())
+}

@@ -1,0 +1,44 @@
+//! Where in a frame an outline is looked for.
+
+use crate::image::{ImageView, Roi};
+use crate::vision::frame::outline::Outline;
+use crate::vision::optics::camera::BallCircle;
+
+/// What is cut out around a circle, in radii: what the net for outlines sees, and a rough circle's error.
+pub(crate) const SURROUNDINGS: f64 = 1.8;
+/// Larger balls, radii in pixels, are looked at at a smaller scale: it has all that the detectors see.
+const MAX_NEAR: f64 = 250.0;
+
+/// Where an outline is looked for, in the frame's pixels.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Place {
+    /// It is known.
+    Known(Outline),
+    /// It is near a circle.
+    Near(BallCircle),
+    /// It is anywhere in a part.
+    Within(Roi),
+}
+
+impl Place {
+    /// The part of the image that is converted, and how often it is halved; `None` where nothing of it can be seen.
+    pub fn part(&self, image: &ImageView<'_>) -> Option<(Roi, u32)> {
+        let (width, height) = (image.width(), image.height());
+        match self {
+            Self::Known(outline) => {
+                let part = outline.circle.region(SURROUNDINGS, width, height);
+                Some((part.unwrap_or(Roi::whole(width, height)), 0))
+            }
+            Self::Near(circle) => {
+                let level = level_of(circle.radius, MAX_NEAR);
+                Some((circle.region(SURROUNDINGS, width, height)?, level))
+            }
+            Self::Within(part) => Some((*part, 0)),
+        }
+    }
+}
+
+/// How often a length is halved until it is no more than another.
+pub(crate) fn level_of(length: f64, most: f64) -> u32 {
+    (length / most).log2().ceil().max(0.0) as u32
+}

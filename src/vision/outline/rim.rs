@@ -1,0 +1,399 @@
+//! A ball's outline by the image's own pixels.
+//!
+//! The rim is cut into sectors. In each the light at `x` pixels within the outline is what is behind the ball, the step to the ball,
+//! and what Lambert's law adds as the surface turns towards the camera, like the root of the depth; all blurred by a Gaussian of `s`:
+//!
+//! ```text
+//! light = a + b Phi((x - e) / s) + c E sqrt(max(0, x - e + s n)),   n ~ N(0, 1)
+//! ```
+//!
+//! So neither the tone curve, which makes a bright ball larger by a quarter of a pixel, nor shading, which makes its dark side smaller,
+//! moves the outline. The sectors' `e` are a change of center and radius, fitted with the weights of Student's distribution: a dot
+//! at the rim, a shadow or a hand counts little.
+//!
+//! Not promised: an outline where the ball is not within a pixel or two of where it was found; then there is none.
+
+use std::f64::consts::TAU;
+use std::sync::LazyLock;
+
+use nalgebra::{Matrix3, SVector, Vector2};
+
+use crate::geometry::Vec3;
+use crate::stats::normal_cdf_and_density;
+use crate::vision::dots::cap::CapShape;
+use crate::vision::optics::ball_pixels::BallPixels;
+use crate::vision::optics::camera::{BallView, Pixel};
+use crate::vision::optics::sums::Sums;
+
+/// Number of sectors.
+const SECTORS: usize = 32;
+/// Pixels are read from so many within the outline to so many beyond it, and as many deviations of the blur.
+const READ: ([f64; 2], f64) = ([3.0, 1.5], 1.2);
+/// Of larger balls every second, third, ... pixel is read, so that there are about so many.
+const MANY_PIXELS: f64 = 800.0;
+/// Capacity for pixels beforehand.
+const EXPECTED_PIXELS: usize = 4096;
+/// Fewer pixels say nothing of a sector.
+const MIN_PIXELS: usize = 12;
+/// Steps of a sector's fit.
+const STEPS: usize = 3;
+/// Maximum change of the outline, pixels.
+const MAX_CHANGE: f64 = 1.5;
+/// The blur's standard deviation, of that of the dots.
+const BLUR_SPREAD: f64 = 0.3;
+/// Standard deviation of a sector's place beyond what its pixels say, pixels: what is behind the ball is not even.
+const SECTOR_ERROR: f64 = 0.03;
+/// A sector that is known worse says nothing, pixels.
+const MAX_SECTOR_ERROR: f64 = 0.3;
+/// Steps, and degrees of freedom, of the fit to the sectors.
+const ROUNDS: usize = 6;
+const DEGREES: f64 = 3.0;
+/// Fewer sectors are no outline.
+const MIN_SECTORS: usize = 14;
+/// Standard deviations of what the model leaves out, pixels: of center and radius.
+const MODEL_ERROR: [f64; 3] = [0.03, 0.03, 0.08];
+
+/// Background, step, shading, place and blur.
+const UNKNOWNS: usize = 5;
+
+/// A pixel near the rim.
+#[derive(Debug, Clone, Copy)]
+struct RimPixel {
+    sector: usize,
+    /// Pixels within the outline.
+    within: f64,
+    light: f64,
+    weight: f64,
+}
+
+/// A piece of the rim.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sector {
+    /// Outwards, unit vector in the image.
+    normal: Vector2<f64>,
+    /// Ball radii along a pixel.
+    scale: f64,
+}
+
+/// Where a sector's rim is: pixels beyond the outline, and its variance.
+type Place = Option<(f64, f64)>;
+
+/// Fits outlines; keeps its memory.
+#[derive(Debug)]
+pub(crate) struct RimFitter {
+    pixels: Vec<RimPixel>,
+}
+
+impl Default for RimFitter {
+    fn default() -> Self {
+        Self {
+            pixels: Vec::with_capacity(EXPECTED_PIXELS),
+        }
+    }
+}
+
+/// The change of an outline's center and radius, with its covariance.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RimFit {
+    pub change: Vec3,
+    pub covariance: Matrix3<f64>,
+}
+
+impl RimFitter {
+    /// Fits the rim about the outline of a view, by blur and tone curve of the ball's dots.
+    pub fn fit(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
+        let mut sectors = [Sector::default(); SECTORS];
+        for (k, sector) in sectors.iter_mut().enumerate() {
+            *sector = sector_at(pixels.view, TAU * (k as f64 + 0.5) / SECTORS as f64)?;
+        }
+        self.read(pixels, &sectors, shape);
+        self.pixels.sort_unstable_by_key(|p| p.sector);
+        let mut places: [Place; SECTORS] = [None; SECTORS];
+        for part in self.pixels.chunk_by(|a, b| a.sector == b.sector) {
+            places[part[0].sector] = place(part, shape.blur);
+        }
+        outline(&sectors, &places)
+    }
+
+    fn read(&mut self, pixels: &BallPixels<'_>, sectors: &[Sector; SECTORS], shape: &CapShape) {
+        let BallPixels { gray, grid, view } = pixels;
+        let ([inner, outer], blurs) = READ;
+        let [inner, outer] = [inner, outer].map(|d| d + blurs * shape.blur);
+        let circle = view.circle();
+        let stride = (TAU * circle.radius * (inner + outer) / MANY_PIXELS).ceil() as usize;
+        // An ellipse's longer half axis.
+        let longest = circle.radius / (1.0 - circle.eccentricity.norm_squared()).sqrt();
+        let range = (circle.radius - inner - 2.0).max(0.0)..longest + outer + 2.0;
+        let squared = range.start * range.start..range.end * range.end;
+        let side = |center: f64, count: usize| {
+            let from = (center - range.end).max(1.0) as usize;
+            from..((center + range.end).max(0.0) as usize).min(count - 1)
+        };
+        let middle = grid.pixel_to_part(circle.center);
+        let rows = side(middle.v, gray.height());
+        let columns = side(middle.u, gray.width());
+        let stride = stride.max(1);
+        self.pixels.clear();
+        for v in rows {
+            let row = gray.row(v, 0, gray.width());
+            for u in columns.clone().filter(|u| (u + v) % stride == 0) {
+                let at = pixels.place(u, v);
+                let off = (at.u - circle.center.u).powi(2) + (at.v - circle.center.v).powi(2);
+                if !squared.contains(&off) {
+                    continue;
+                }
+                let aside = view.aside(at);
+                let turn = aside.y.atan2(aside.x).rem_euclid(TAU) / TAU;
+                let sector = ((turn * SECTORS as f64) as usize).min(SECTORS - 1);
+                let within = (1.0 - aside.norm()) / sectors[sector].scale;
+                if (-outer..=inner).contains(&within) {
+                    let value = f64::from(row[u]);
+                    let (light, slope) = shape.tone.light_and_slope(value);
+                    self.pixels.push(RimPixel {
+                        sector,
+                        within,
+                        light,
+                        weight: (slope + 0.1).powi(-2),
+                    });
+                }
+            }
+        }
+    }
+}
+
+/// The piece of the rim at an angle of the view frame.
+fn sector_at(view: &BallView, angle: f64) -> Option<Sector> {
+    let out = (1.0 - view.horizon().powi(2)).sqrt();
+    let at = view.project(&Vec3::new(
+        out * angle.cos(),
+        out * angle.sin(),
+        view.horizon(),
+    ));
+    let radii = |du: f64, dv: f64| {
+        let pixel = Pixel {
+            u: at.u + du,
+            v: at.v + dv,
+        };
+        view.aside(pixel).norm()
+    };
+    let by_pixel = Vector2::new(
+        radii(0.5, 0.0) - radii(-0.5, 0.0),
+        radii(0.0, 0.5) - radii(0.0, -0.5),
+    );
+    let scale = by_pixel.norm();
+    (scale > 0.0).then(|| Sector {
+        normal: by_pixel / scale,
+        scale,
+    })
+}
+
+/// What light there is about a sector's rim.
+#[derive(Debug, Clone, Copy)]
+struct Profile {
+    /// Behind the ball, the step to the ball, and the shading.
+    light: [f64; 3],
+    /// Pixels beyond the outline.
+    at: f64,
+    blur: f64,
+}
+
+impl Profile {
+    /// The light of a pixel, and its derivatives.
+    fn shown(&self, pixel: &RimPixel) -> (f64, [f64; UNKNOWNS]) {
+        let [behind, step, shading] = self.light;
+        let depth = (pixel.within + self.at) / self.blur;
+        let (covered, density) = normal_cdf_and_density(depth.clamp(-6.0, 6.0));
+        let (root, by_depth) = blurred_root(depth);
+        let unit = self.blur.sqrt();
+        let root = root * unit;
+        let by_depth = step * density + shading * by_depth * unit;
+        let by_blur = (0.5 * shading * root - by_depth * depth) / self.blur;
+        let by = [1.0, covered, root, by_depth / self.blur, by_blur];
+        (behind + step * covered + shading * root, by)
+    }
+}
+
+/// Where the rim is in a sector.
+fn place(pixels: &[RimPixel], blur: f64) -> Place {
+    if pixels.len() < MIN_PIXELS {
+        return None;
+    }
+    let mut profile = Profile {
+        light: [0.0; 3],
+        at: 0.0,
+        blur,
+    };
+    let mut last = None;
+    for round in 0..=STEPS {
+        let mut sums = Sums::<UNKNOWNS>::default();
+        for pixel in pixels {
+            let (shown, by) = profile.shown(pixel);
+            sums.add(&by, pixel.light - shown, pixel.weight);
+        }
+        let variance = (sums.squares / (pixels.len() - UNKNOWNS) as f64).max(1e-8);
+        let mut information = sums.symmetric();
+        let mut gradient = SVector::from(sums.gradient);
+        if round == 0 {
+            // At first the light alone.
+            (3..UNKNOWNS).for_each(|k| information[(k, k)] += 1e9 * sums.weights);
+        }
+        // Shading is weakly bound: where it is not seen it is none.
+        information[(2, 2)] += 1e-3 * sums.weights / pixels.len() as f64;
+        let known = variance / (BLUR_SPREAD * blur).powi(2);
+        information[(4, 4)] += known;
+        gradient[4] += known * (blur - profile.blur);
+        let factor = information.cholesky()?;
+        let change = factor.solve(&gradient);
+        if round == STEPS {
+            last = Some(factor.inverse()[(3, 3)] * variance);
+        }
+        for (value, by) in profile.light.iter_mut().zip(change.iter()) {
+            *value += by;
+        }
+        profile.at += change[3].clamp(-0.7, 0.7);
+        profile.blur = (profile.blur + change[4]).clamp(0.5 * blur, 2.0 * blur);
+    }
+    let (at, variance) = (profile.at, last?);
+    let is_clear = at.abs() < MAX_CHANGE + 0.5 && variance < MAX_SECTOR_ERROR * MAX_SECTOR_ERROR;
+    is_clear.then_some((at, variance + SECTOR_ERROR * SECTOR_ERROR))
+}
+
+/// The outline by its sectors.
+fn outline(sectors: &[Sector; SECTORS], places: &[Place; SECTORS]) -> Option<RimFit> {
+    let seen = || {
+        let both = sectors.iter().zip(places);
+        both.filter_map(|(sector, place)| Some((sector.normal, (*place)?)))
+    };
+    let count = seen().count();
+    if count < MIN_SECTORS {
+        return None;
+    }
+    let mut change = Vec3::zeros();
+    let mut scale = 1.0;
+    let mut covariance = Matrix3::zeros();
+    for _ in 0..ROUNDS {
+        let (mut information, mut gradient) = (Matrix3::zeros(), Vec3::zeros());
+        let mut squares = 0.0;
+        for (normal, (at, variance)) in seen() {
+            let by = Vec3::new(normal.x, normal.y, 1.0);
+            let residual = at - by.dot(&change);
+            let squared = residual * residual / (variance * scale);
+            let weight = (DEGREES + 1.0) / (DEGREES + squared);
+            information += by * by.transpose() * (weight / variance);
+            gradient += by * (weight * residual / variance);
+            squares += weight * residual * residual / variance;
+        }
+        let inverse = information.try_inverse()?;
+        change += inverse * gradient;
+        scale = (squares / (count - 3) as f64).max(1.0);
+        covariance = inverse * (scale * (DEGREES + 3.0) / (DEGREES + 1.0));
+    }
+    let errors = MODEL_ERROR.map(|e| e * e);
+    covariance += Matrix3::from_diagonal(&errors.into());
+    (change.amax() < MAX_CHANGE).then_some(RimFit { change, covariance })
+}
+
+/// From this depth on, in steps of that, in deviations of the blur.
+const TABLE: (f64, f64, usize) = (-4.0, 0.05, 241);
+
+/// `E sqrt(max(0, x + n))`.
+static ROOTS: LazyLock<[f64; TABLE.2]> = LazyLock::new(|| {
+    std::array::from_fn(|k| {
+        let x = TABLE.0 + TABLE.1 * k as f64;
+        let terms = (-500..=500).map(|i| {
+            let n = 0.01 * f64::from(i);
+            (x + n).max(0.0).sqrt() * normal_cdf_and_density(n).1 * 0.01
+        });
+        terms.sum()
+    })
+});
+
+/// `E sqrt(max(0, x + n))` and its derivative.
+fn blurred_root(x: f64) -> (f64, f64) {
+    let at = (x - TABLE.0) / TABLE.1;
+    if at < 0.0 {
+        return (0.0, 0.0);
+    }
+    let k = at as usize;
+    if k + 1 >= TABLE.2 {
+        let root = x.sqrt();
+        return (root - 0.125 / (x * root), 0.5 / root);
+    }
+    let by = ROOTS[k + 1] - ROOTS[k];
+    (ROOTS[k] + by * (at - k as f64), by / TABLE.1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::GrayImage;
+    use crate::vision::dots::cap::Tone;
+    use crate::vision::optics::camera::{BallCircle, Camera};
+    use crate::vision::optics::grid::Grid;
+
+    const SIDE: usize = 80;
+    const BLUR: f64 = 0.8;
+
+    /// A lit ball before a dark background, as a camera stores it.
+    fn drawn(circle: &BallCircle) -> GrayImage {
+        let lamp = Vec3::new(0.6, 0.3, 0.75).normalize();
+        let view = BallView::new(&Camera::Orthographic, *circle).expect("a value");
+        GrayImage::from_fn(SIDE, SIDE, |u, v| {
+            let at = Pixel {
+                u: u as f64,
+                v: v as f64,
+            };
+            let off = (at.u - circle.center.u).hypot(at.v - circle.center.v);
+            let covered = normal_cdf_and_density((circle.radius - off) / BLUR).0;
+            // The limb's own light beyond it.
+            let inward = (circle.radius - 0.5).min(off) / off.max(1e-9);
+            let toward = Pixel {
+                u: circle.center.u + inward * (at.u - circle.center.u),
+                v: circle.center.v + inward * (at.v - circle.center.v),
+            };
+            let lit = view
+                .direction(toward)
+                .map_or(0.0, |d| d.dot(&lamp).max(0.0));
+            (0.04 + covered * (0.25 + 0.3 * lit)).sqrt() as f32
+        })
+    }
+
+    fn fitted(gray: &GrayImage, view: &BallView) -> Option<RimFit> {
+        let grid = Grid::halved(0);
+        let shape = CapShape {
+            radius: 0.1,
+            blur: BLUR,
+            tone: Tone::of_root(),
+            is_known: true,
+        };
+        RimFitter::default().fit(&BallPixels { gray, grid, view }, &shape)
+    }
+
+    #[test]
+    fn an_outline_that_is_off_is_corrected() {
+        let circle = BallCircle::new(Pixel { u: 40.2, v: 38.7 }, 30.0);
+        let image = drawn(&circle);
+        for off in [[0.0, 0.0, 0.0], [0.3, -0.2, 0.4], [-0.4, 0.1, -0.5]] {
+            let mut found = circle;
+            found.center.u += off[0];
+            found.center.v += off[1];
+            found.radius += off[2];
+            let view = BallView::new(&Camera::Orthographic, found).expect("a value");
+            let fit = fitted(&image, &view).expect("a rim");
+            let left = fit.change + Vec3::from(off);
+            assert!(left.xy().amax() < 0.03, "{off:?}: {left}");
+            assert!(left.z.abs() < 0.1, "{off:?}: {left}");
+        }
+    }
+
+    #[test]
+    fn an_even_image_has_no_rim() {
+        let circle = BallCircle::new(Pixel { u: 40.2, v: 38.7 }, 30.0);
+        let view = BallView::new(&Camera::Orthographic, circle).expect("a value");
+        let image = GrayImage::from_fn(SIDE, SIDE, |u, v| {
+            0.5 + 0.001 * ((7 * u + 13 * v) % 5) as f32
+        });
+        let found = fitted(&image, &view);
+        assert!(found.is_none(), "{found:?}");
+    }
+}

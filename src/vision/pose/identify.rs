@@ -1,0 +1,435 @@
+//! Dots to a pose: which dot is which, under which distance of the camera, and how sure that is.
+//!
+//! Likely detections come first, doubtful ones after them, each under the camera's distances, the likeliest first, until a
+//! pose is clear. Its probability is the recognizer's, weighed by what else the frame shows ([`TrustMap`]). An expected
+//! orientation is weighed with the dots where these leave doubt or show another one.
+
+use std::time::Instant;
+
+use nalgebra::Matrix2;
+
+use super::refine::{self, Drawn, Refined};
+use super::trust::{PoseEvidence, TrustMap};
+use crate::geometry::Rotation;
+use crate::recognize::{Hint, Recognizer, RecognizerRejection};
+use crate::view::DotUncertainty;
+use crate::vision::dots::detector::{DotDetection, LIKELY_DOT};
+use crate::vision::estimator::{Estimator, EstimatorWorkspace};
+use crate::vision::frame::estimate::{
+    FrameEstimate, FrameRejection, Hypothesis, MIRRORED, Pose, Standing, is_mirrored,
+};
+use crate::vision::frame::outline::Outline;
+use crate::vision::frame::prior::{Budget, Spending};
+use crate::vision::optics::camera::{BallView, Camera};
+
+/// Poses likelier than this are compared with those of the mirrored view.
+const MIRROR_DOUBT: f64 = 0.3;
+/// An orientation farther off the expected one than this, radians, is weighed with it: 25 deg.
+pub(crate) const DISAGREEMENT: f64 = 0.436;
+/// An outline that stands in doubt is looked at again where its best pose is likelier than this.
+pub(crate) const PROMISING: f64 = 0.05;
+/// Without a pose likelier than this, doubtful detections are tried as well.
+pub(crate) const CLEAR: f64 = 0.9;
+/// Dots of the pattern beyond this z are seen in nearly every frame.
+const FACING: f64 = 0.35;
+
+/// A recognizer's answer in terms of detections.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PoseHypothesis {
+    /// Pattern to view frame.
+    pub(crate) rotation: Rotation,
+    /// The camera under which the dots were identified.
+    pub(crate) camera: Camera,
+    pub(crate) dots_confidence: f64,
+    pub(crate) confidence: f64,
+    pub(crate) evidence: PoseEvidence,
+}
+
+impl PoseHypothesis {
+    /// The best of several attempts has more chances to be good by accident: its odds are divided by their number.
+    fn discounted(self, attempts: usize) -> Self {
+        let less = |p: f64| p / (p + (1.0 - p) * attempts.max(1) as f64);
+        Self {
+            dots_confidence: less(self.dots_confidence),
+            confidence: less(self.confidence),
+            ..self
+        }
+    }
+
+    /// The probability by all that is known of the pose.
+    fn weighed(self, map: &TrustMap) -> Self {
+        let evidence = PoseEvidence {
+            confidence: self.confidence,
+            ..self.evidence
+        };
+        let confidence = map.probability(&evidence);
+        let share = confidence / self.confidence.max(f64::MIN_POSITIVE);
+        Self {
+            dots_confidence: (self.dots_confidence * share).min(confidence),
+            confidence,
+            evidence,
+            ..self
+        }
+    }
+}
+
+/// One run of the recognizer.
+#[derive(Debug, Clone, Copy)]
+struct Look {
+    /// 0: the likely detections; 1: all.
+    pass: usize,
+    camera: Camera,
+    mirrored: Mirrored,
+}
+
+/// The detections that are tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Detections {
+    /// Those that are likelier dots than not.
+    Likely,
+    /// Those, then the doubtful ones too.
+    All,
+}
+
+/// When a run looks at the mirrored view, which costs as much again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mirrored {
+    /// Always: a mirrored ball ends the search for other outlines.
+    Sought,
+    /// Where the pose is likelier than [`MIRROR_DOUBT`]: its mirror image may explain the dots as well.
+    Compared,
+}
+
+/// The probability of the best pose so far.
+fn promise_of(found: &std::result::Result<PoseHypothesis, FrameRejection>) -> f64 {
+    found.as_ref().map_or(0.0, |f| f.confidence)
+}
+
+impl Estimator {
+    /// Estimates the orientation from the detected dots of a frame, without its pixels: those that another detector found, or
+    /// those of another estimator. The answer depends on the detections and the outline as found alone.
+    pub fn identify_detections(&self, ws: &mut EstimatorWorkspace, out: &mut FrameEstimate) {
+        ws.spending = Spending::of(Budget {
+            spent: out.earlier_attempts,
+            ..Budget::default()
+        });
+        self.identify(Detections::All, ws, out);
+        (out.attempts, out.timings) = (ws.spending.runs, ws.spending.timings);
+    }
+
+    /// The same within what may be spent on the frame in hand.
+    pub(crate) fn identify(
+        &self,
+        detections: Detections,
+        ws: &mut EstimatorWorkspace,
+        out: &mut FrameEstimate,
+    ) {
+        let Some(outline) = out.outline else {
+            return;
+        };
+        let begun = Instant::now();
+        out.earlier_attempts = ws.spending.runs;
+        out.outcome = self.identify_dots(&outline, detections, None, ws, out);
+        if out.outcome.is_err() {
+            out.circle = Some(outline.circle);
+            out.assignment.fill(None);
+        }
+        if let (Err(rejection), Some(fit)) = (&mut out.outcome, &out.fit) {
+            let edge_width = fit.edge_width / outline.circle.radius;
+            if edge_width > self.config.max_blur {
+                *rejection = FrameRejection::TooBlurred { edge_width };
+            }
+        }
+        ws.spending.timings.identify += begun.elapsed();
+    }
+
+    /// Weighs the dots with an expected orientation, where alone they have none or another one. An orientation that they
+    /// keep against it stays theirs.
+    pub(crate) fn identify_expected(
+        &self,
+        hint: &Hint,
+        ws: &mut EstimatorWorkspace,
+        out: &mut FrameEstimate,
+    ) {
+        let alone = out.outcome;
+        let agrees = |pose: &Pose| pose.rotation.angle_to(&hint.rotation) < DISAGREEMENT;
+        let Some(outline) = out.outline.filter(|_| !is_mirrored(out)) else {
+            return;
+        };
+        if out.pose().is_some_and(agrees) {
+            return;
+        }
+        let begun = Instant::now();
+        let hypotheses = out.hypotheses;
+        out.outcome = self.identify_dots(&outline, Detections::All, Some(hint), ws, out);
+        match (&mut out.outcome, alone) {
+            (Ok(pose), Ok(alone)) => {
+                pose.hinted = pose.rotation.angle_to(&alone.rotation) >= DISAGREEMENT;
+            }
+            (Ok(_), Err(_)) => {}
+            (outcome @ Err(_), alone) => {
+                // Why the dots alone give no pose says more.
+                if alone.is_err() {
+                    *outcome = alone;
+                    out.hypotheses = hypotheses;
+                }
+                out.circle = Some(outline.circle);
+                out.assignment.fill(None);
+            }
+        }
+        ws.spending.timings.identify += begun.elapsed();
+    }
+
+    /// Identifies under each hypothesis of the camera's distance, at first the likely detections, then all, until a pose is clear.
+    fn identify_dots(
+        &self,
+        outline: &Outline,
+        detections: Detections,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace,
+        out: &mut FrameEstimate,
+    ) -> std::result::Result<Pose, FrameRejection> {
+        let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
+            Err(FrameRejection::NotProcessed);
+        let mut attempts = ws.spending.runs;
+        let begun = attempts;
+        out.hypotheses = [None; 2];
+        let passes = match detections {
+            Detections::Likely => 1,
+            Detections::All => self.recognizers.len(),
+        };
+        'search: for pass in 0..passes {
+            // Doubtful detections alone may show an expected orientation.
+            let is_hopeless = hint.is_none() && promise_of(&best) < PROMISING;
+            if pass > 0 && out.standing == Standing::Doubtful && is_hopeless {
+                break;
+            }
+            for camera in self.config.camera.hypotheses() {
+                if attempts > begun && ws.spending.is_late() {
+                    break 'search;
+                }
+                let Ok(view) = BallView::new(&camera, outline.circle) else {
+                    return Err(FrameRejection::Recognizer(RecognizerRejection::Degenerate));
+                };
+                let hint = hint.map(|h| in_view(h, &view));
+                attempts += 1;
+                let mirrored = match attempts == begun + 1 {
+                    true => Mirrored::Sought,
+                    false => Mirrored::Compared,
+                };
+                let look = Look {
+                    pass,
+                    camera,
+                    mirrored,
+                };
+                let found = self.recognize(&look, &view, hint.as_ref(), ws, &out.dots);
+                // What the mirror explains beyond doubt, other dots or another distance may still
+                // explain by accident.
+                if let Err(MIRRORED) = found {
+                    ws.spending.runs = attempts;
+                    return Err(MIRRORED);
+                }
+                let better = match (&best, &found) {
+                    (Err(_), _) => true,
+                    (Ok(best), Ok(found)) => found.confidence > best.confidence,
+                    (Ok(_), Err(_)) => false,
+                };
+                if better {
+                    out.assignment.fill(None);
+                    for (&i, name) in ws
+                        .indices
+                        .iter()
+                        .zip(&ws.recognizer.explanations().best().assignment)
+                    {
+                        out.assignment[i] = found.is_ok().then_some(*name).flatten();
+                    }
+                    best = found;
+                }
+                if best.is_ok_and(|b| b.confidence >= CLEAR) {
+                    break 'search;
+                }
+            }
+        }
+        ws.spending.runs = attempts;
+        // What is expected was not chosen among many: only the runs that weigh it count.
+        let mut best = best?.discounted(match hint {
+            Some(_) => attempts - begun,
+            None => attempts,
+        });
+        if hint.is_none() {
+            best = best.weighed(&self.config.trust);
+            let view = BallView::new(&best.camera, outline.circle);
+            out.hypotheses[0] = view.ok().map(|view| Hypothesis {
+                rotation: view.to_camera() * best.rotation,
+                evidence: best.evidence,
+            });
+        }
+        if best.confidence < self.config.min_confidence {
+            let confidence = best.confidence;
+            return Err(FrameRejection::Ambiguous { confidence });
+        }
+        self.refine(&best, outline, hint.is_some(), ws, out)
+    }
+
+    /// One run of the recognizer over the detections that are likely enough for this pass.
+    fn recognize(
+        &self,
+        look: &Look,
+        view: &BallView,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace,
+        dots: &[DotDetection],
+    ) -> std::result::Result<PoseHypothesis, FrameRejection> {
+        self.observe(self.config.dot_probability[look.pass], view, ws, dots);
+        let recognizer = &self.recognizers[look.pass];
+        let (dots_seen, seen) = (&ws.observed, &mut ws.recognizer);
+        let is_sought = look.mirrored == Mirrored::Sought;
+        let mut explained = match is_sought {
+            true => recognizer.explain(dots_seen, hint, seen).map(|_| ()),
+            false => recognizer
+                .explain_directly(dots_seen, hint, seen)
+                .map(|_| ()),
+        };
+        let is_likely = || seen.explanations().best().confidence >= MIRROR_DOUBT;
+        if !is_sought && explained.is_ok() && is_likely() {
+            explained = recognizer.explain(dots_seen, hint, seen).map(|_| ());
+        }
+        explained.map_err(|rejection| match rejection {
+            RecognizerRejection::TooFewDots { found, needed } => {
+                FrameRejection::TooFewDots { found, needed }
+            }
+            rejection => FrameRejection::Recognizer(rejection),
+        })?;
+        let found = ws.recognizer.explanations().best();
+        Ok(PoseHypothesis {
+            rotation: found.rotation,
+            camera: look.camera,
+            dots_confidence: found.dots_confidence,
+            confidence: found.confidence,
+            evidence: self.evidence(&found.rotation, dots, ws, |k| found.assignment[k]),
+        })
+    }
+
+    /// The detections that are at least so likely, on the sphere.
+    pub(crate) fn observe(
+        &self,
+        min_probability: f64,
+        view: &BallView,
+        ws: &mut EstimatorWorkspace,
+        dots: &[DotDetection],
+    ) {
+        let min_depth = self
+            .config
+            .recognizer
+            .view
+            .visibility_limit
+            .max(view.horizon());
+        let hand = Matrix2::from_diagonal_element(self.placement_variance);
+        ws.observed.clear();
+        ws.indices.clear();
+        for (i, dot) in dots.iter().enumerate() {
+            if dot.probability < min_probability {
+                continue;
+            }
+            let Some(mut seen) = view.back_project(dot.pixel, &dot.covariance) else {
+                continue;
+            };
+            if seen.direction.z < min_depth {
+                continue;
+            }
+            if let DotUncertainty::Tangent { covariance } = &mut seen.uncertainty {
+                *covariance += hand;
+            }
+            ws.observed.push(seen);
+            ws.indices.push(i);
+        }
+    }
+
+    /// What a pose shows beside its odds, with the names of the dots in hand.
+    pub(crate) fn evidence(
+        &self,
+        rotation: &Rotation,
+        dots: &[DotDetection],
+        ws: &EstimatorWorkspace,
+        name: impl Fn(usize) -> Option<u16>,
+    ) -> PoseEvidence {
+        let (mut named, mut unnamed, mut doubt, mut squares) = (0, 0, 0.0, 0.0);
+        let observed = ws.indices.iter().zip(&ws.observed);
+        for (k, (&i, seen)) in observed.enumerate() {
+            match name(k) {
+                Some(name) => {
+                    named += 1;
+                    doubt -= dots[i].probability.max(f64::MIN_POSITIVE).ln();
+                    let expected = rotation * self.ball.pattern().dots()[usize::from(name)];
+                    squares += seen.squared_deviations(&expected);
+                }
+                None => unnamed += usize::from(dots[i].probability >= LIKELY_DOT),
+            }
+        }
+        let facing = self.ball.pattern().dots().iter();
+        let facing = facing.filter(|d| (rotation * *d).z > FACING).count();
+        PoseEvidence {
+            named,
+            unnamed,
+            missing: facing.saturating_sub(named),
+            doubt: self
+                .detector
+                .usual_doubt()
+                .unwrap_or(doubt / named.max(1) as f64),
+            misfit: (0.5 * squares / named.max(1) as f64).sqrt(),
+            ..PoseEvidence::default()
+        }
+    }
+
+    /// Refines an accepted pose on the detections.
+    pub(crate) fn refine(
+        &self,
+        hypothesis: &PoseHypothesis,
+        outline: &Outline,
+        hinted: bool,
+        ws: &mut EstimatorWorkspace,
+        out: &mut FrameEstimate,
+    ) -> std::result::Result<Pose, FrameRejection> {
+        let PoseHypothesis {
+            rotation, camera, ..
+        } = hypothesis;
+        let refined = self
+            .refined(rotation, *camera, outline, Drawn::AsStated, ws, out)
+            .ok_or(FrameRejection::Recognizer(RecognizerRejection::Degenerate))?;
+        out.circle = Some(*refined.view.circle());
+        Ok(refined.pose(hypothesis.dots_confidence, hypothesis.confidence, hinted))
+    }
+
+    /// The orientation (from one in the view frame on) that fits the named dots of a frame best.
+    pub(crate) fn refined(
+        &self,
+        rotation: &Rotation,
+        start: Camera,
+        outline: &Outline,
+        drawn: Drawn,
+        ws: &mut EstimatorWorkspace,
+        out: &mut FrameEstimate,
+    ) -> Option<Refined> {
+        let prior = refine::Prior {
+            outline: (outline.circle, outline.covariance),
+            camera: self.config.camera,
+            start,
+            drawn,
+        };
+        let names = self.ball.pattern().dots();
+        self.refiner
+            .refine(names, &prior, rotation, out, &mut ws.matches)
+    }
+}
+
+/// A hint in the camera's frame, in the view frame.
+pub(crate) fn in_view(hint: &Hint, view: &BallView) -> Hint {
+    let back = view.to_camera().inverse();
+    let matrix = back.to_rotation_matrix();
+    let matrix = matrix.matrix();
+    Hint {
+        rotation: back * hint.rotation,
+        covariance: matrix * hint.covariance * matrix.transpose(),
+        wrong: hint.wrong,
+    }
+}

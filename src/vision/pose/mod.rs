@@ -1,0 +1,16 @@
+//! From dots to the ball's orientation: dots are identified, all places where dots may be are matched with the pattern, the pose is
+//! refined on dots and then on pixels, and its probability is that of all that speaks for it ([`TrustMap`]).
+
+pub(crate) mod all_places;
+pub(crate) mod dense;
+pub(crate) mod identify;
+pub(crate) mod pixels;
+pub(crate) mod recenter;
+pub(crate) mod refine;
+pub(crate) mod sharpen;
+pub(crate) mod trust;
+pub(crate) mod whole;
+
+pub use trust::{
+    DENSE_FEATURES, DenseEvidence, FEATURES, PoseEvidence, TrustMap, WHOLE_FEATURES, WholeEvidence,
+};
