@@ -11,8 +11,8 @@ use spindoe::design::objective::{Evaluation, MeanNearestNeighbor};
 use spindoe::design::search::feasible::{check_feasible, packed_separation};
 use spindoe::design::state::Checkpoint;
 use spindoe::design::{
-    Constraints, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective, OrientationBound,
-    SearchState, Stage, design,
+    Constraints, DescentMethod, DesignConfig, DesignObserver, DesignOutcome, KeepOut, Objective,
+    OrientationBound, SearchState, Stage, design,
 };
 use spindoe::geometry::{Vec3, angle_between, random_direction};
 use spindoe::pattern::Pattern;
@@ -61,10 +61,17 @@ fn a_descent_goes_down_and_keeps_every_demand() {
             constraints.missed(&start).is_some(),
             "the start says nothing"
         );
-        let found = descend(&start, &objective, &constraints, 40).unwrap();
-        assert_eq!(constraints.missed(&found), None);
         let cost = |p: &Pattern| objective.cost(p.dots()).unwrap().value;
-        assert!(cost(&found) < cost(&start) - 0.03, "{}", objective.name());
+        for method in DescentMethod::ALL {
+            let descent = Descent {
+                method,
+                ..Descent::of_steps(60)
+            };
+            let found = descent.run(&start, &objective, &constraints).unwrap();
+            let what = format!("{method}, {}", objective.name());
+            assert_eq!(constraints.missed(&found), None, "{what}");
+            assert!(cost(&found) < cost(&start) - 0.03, "{what}");
+        }
     }
 }
 
@@ -97,9 +104,16 @@ fn the_descent_finds_the_platonic_solids() {
         ..Constraints::default()
     };
     for (n, separation) in [(4, 109.471_22), (6, 90.0), (12, 63.434_95)] {
-        let found = descend(&crate::common::random_pattern(n, 1), &Spread, &free, 300).unwrap();
-        let least = found.summary().min_separation_rad.to_degrees();
-        assert!((least - separation).abs() < 0.01, "{n}: {least}");
+        for method in DescentMethod::ALL {
+            let descent = Descent {
+                method,
+                ..Descent::of_steps(300)
+            };
+            let start = crate::common::random_pattern(n, 1);
+            let found = descent.run(&start, &Spread, &free).unwrap();
+            let least = found.summary().min_separation_rad.to_degrees();
+            assert!((least - separation).abs() < 0.01, "{method} {n}: {least}");
+        }
         assert!((max_separation(n).to_degrees() - separation).abs() < 1e-4);
     }
 }
@@ -339,6 +353,44 @@ fn a_stopped_search_keeps_its_best() {
     // Stopped before anything was found: there is nothing to keep, and that is said.
     let stop = AtomicBool::new(true);
     assert!(design(&config, &mut SearchState::default(), &stop, &mut ()).is_err());
+}
+
+#[test]
+fn a_candidate_is_rated_over_all_views_and_no_trial_serves_twice() {
+    use spindoe::validate::ValidationConfig;
+    let config = DesignConfig {
+        dots: 8,
+        rounds: 1,
+        ..small(4)
+    };
+    let go = AtomicBool::new(false);
+    let mut state = SearchState::default();
+    let found = design(&config, &mut state, &go, &mut ()).unwrap();
+    // Of every start one candidate was tried, or it misses a constraint; the pool holds the best three of the round.
+    assert_eq!(state.pool.len(), 3);
+    let rate = |c: &spindoe::design::Candidate, seed: u64, samples: u64| {
+        let ball = Ball::new(c.pattern().unwrap());
+        let parts = config.protocols.iter().map(|&protocol| {
+            let part = ValidationConfig {
+                protocol,
+                seed,
+                samples: samples.div_ceil(config.protocols.len() as u64),
+                ..ValidationConfig::default()
+            };
+            let found = part.run(&ball, &|_| {}).unwrap().validation;
+            (found.orientation.successes, found.samples)
+        });
+        parts.fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
+    };
+    for c in &state.pool {
+        let answered = c.answered.unwrap();
+        let expected = rate(c, config.selection_seed(1, 0), config.samples);
+        assert_eq!((answered.successes, answered.trials), expected);
+    }
+    // The winner's rate is of its last, fresh trials alone.
+    let answered = found.best.answered.unwrap();
+    let expected = rate(&found.best, config.selection_seed(0, 0), config.samples);
+    assert_eq!((answered.successes, answered.trials), expected);
 }
 
 #[test]
