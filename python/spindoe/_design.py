@@ -167,8 +167,8 @@ class Design:
     """The views to optimize for; mixed is sparse, image and clutter in equal parts."""
     recognizer: RecognizerName = "robust"
     """The recognizer that candidates are tried with."""
-    descent: Literal["lbfgs", "program", "gradient"] = "lbfgs"
-    """How a descent finds its steps: by limited-memory BFGS, sequential convex programming, or steepest descent over
+    descent: Literal["program", "lbfgs", "gradient"] = "program"
+    """How a descent finds its steps: by sequential convex programming, limited-memory BFGS, or steepest descent over
     spherical coordinates as in the SpinDOE paper."""
     ball_px: float = 60.0
     """Diameter of the ball in the image, pixels; sets the noise of the protocol ``image``."""

@@ -124,9 +124,9 @@ pub struct Arguments {
     /// The recognizer that candidates are tried with.
     #[arg(hide = true, long, value_parser = one_of(&RecognizerName::ALL, RecognizerName::as_str), default_value_t = RecognizerName::Robust, default_value_if("preset", ArgPredicate::IsPresent, "paper"))]
     recognizer: RecognizerName,
-    /// How a descent finds its steps: lbfgs, program (sequential convex programming) or gradient (steepest descent over
+    /// How a descent finds its steps: program (sequential convex programming), lbfgs or gradient (steepest descent over
     /// spherical coordinates, as in the SpinDOE paper).
-    #[arg(hide = true, long, value_parser = one_of(&DescentMethod::ALL, DescentMethod::as_str), default_value_t = DescentMethod::Lbfgs, default_value_if("preset", ArgPredicate::IsPresent, "gradient"))]
+    #[arg(hide = true, long, value_parser = one_of(&DescentMethod::ALL, DescentMethod::as_str), default_value_t = DescentMethod::Program, default_value_if("preset", ArgPredicate::IsPresent, "gradient"))]
     descent: DescentMethod,
     /// Minimum angle between two dots, degrees; by default the separation that the stencil's holes
     /// need, at least 18.

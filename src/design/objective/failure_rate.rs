@@ -4,8 +4,9 @@
 //! too few + confusion / 2
 //! ```
 //!
-//! with [`TooFewDots`] over every view, and [`Confusion`], the union bound for four visible dots, which overstates
-//! what trials measure twofold (`docs/measurements/objectives.md`). Each alone misleads: confusion knows nothing of
+//! with [`TooFewDots`] over every view, and [`Confusion`], the union bound for four visible dots of `sparse`, which
+//! overstates what trials measure twofold. Views that detect dots one by one rank patterns best by the same sum, as if
+//! four dots were all that they give (`docs/measurements/objectives.md`). Each alone misleads: confusion knows nothing of
 //! views that show too few dots and gains by hiding dots, and to show as many as possible from everywhere makes
 //! patterns regular, so that views look alike.
 //!
@@ -17,7 +18,7 @@ use super::evaluation::Evaluation;
 use super::too_few::TooFewDots;
 use crate::error::Result;
 use crate::geometry::Vec3;
-use crate::view::ViewModel;
+use crate::view::{Detection, ViewModel};
 
 /// The measured rate over the union bound.
 const CONFUSION_WEIGHT: f64 = 0.5;
@@ -47,16 +48,16 @@ impl FailureRate {
     /// # Errors
     /// As [`TooFewDots::of_view`].
     pub fn of_views(views: &[ViewModel], dots: usize) -> Result<Self> {
+        let is_given = |view: &&ViewModel| matches!(view.detection, Detection::Given { .. });
+        let of_given = views.iter().find(is_given);
         let too_few: Result<Vec<_>> = views
             .iter()
             .map(|view| TooFewDots::of_view(view, dots))
             .collect();
         Ok(Self {
             too_few: too_few?,
-            confusion: views
-                .first()
-                .filter(|_| dots <= MAX_DOTS)
-                .map(Confusion::of_view),
+            confusion: (dots <= MAX_DOTS)
+                .then(|| of_given.map_or_else(Confusion::default, Confusion::of_view)),
         })
     }
 
@@ -77,7 +78,7 @@ impl FailureRate {
             add(part, too_few.evaluate(dots));
         }
         if let Some(confusion) = self.confusion {
-            add(CONFUSION_WEIGHT * part, confusion.evaluate(dots));
+            add(CONFUSION_WEIGHT, confusion.evaluate(dots));
         }
         at
     }

@@ -80,7 +80,7 @@ impl Args {
                 row!(
                     table;
                     dots,
-                    method,
+                    method.as_str(),
                     format!("{:.4}", sums.cost / n),
                     format!("{} of {}", sums.met, self.starts),
                     Proportion::new(sums.right, sums.trials),

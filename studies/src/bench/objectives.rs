@@ -161,7 +161,7 @@ impl Args {
                     let values: Vec<f64> = rows.iter().map(|r| r.values[k]).collect();
                     correlation(&values, &failures)
                 });
-                row!(table; dots, name, range; cells);
+                row!(table; dots, name.as_str(), range; cells);
                 self.plot(&rows, dots, name)?;
             }
         }
