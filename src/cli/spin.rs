@@ -46,6 +46,10 @@ pub struct Arguments {
     /// The ball, of a file of several (`estimate --balls`). Its times are in the file: a ball need not have a row for every frame.
     #[arg(long, value_name = "N", conflicts_with = "fps")]
     ball: Option<usize>,
+    /// The exposure, of a file of several with flashes (`estimate --strobe-ms`): the name of its frame. Of exposures whose times
+    /// follow each other all are read as one sequence without it.
+    #[arg(long, value_name = "FRAME", conflicts_with = "fps")]
+    exposure: Option<String>,
     /// How the spin is estimated.
     #[arg(long, value_enum, default_value = "robust")]
     method: Method,
@@ -225,10 +229,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         None => OrientationReader::new(&input.name, input.reader)?,
         Some(fps) => OrientationReader::at_rate(&input.name, input.reader, fps)?,
     };
-    let file = Orientations::collect(match arguments.ball {
+    let reader = match arguments.ball {
         None => reader,
         Some(number) => reader.of_ball(number),
+    };
+    let file = Orientations::collect(match &arguments.exposure {
+        None => reader,
+        Some(frame) => reader.of_exposure(frame),
     })?;
+    if let (Some(frame), true) = (&arguments.exposure, file.rows.is_empty()) {
+        let problem = format!("expected rows of {frame}, found none");
+        return Err(Error::input(&input.name, "frame", problem));
+    }
     if let (Some(number), true) = (arguments.ball, file.rows.is_empty()) {
         let problem = format!("expected rows of ball {number}, found none");
         return Err(Error::input(&input.name, "ball", problem));

@@ -11,10 +11,11 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use super::frame_table::{FrameCircles, FrameTimes};
+use super::outlines;
 use super::rolling::seen_times;
-use super::sequence::{ImageWork, SequenceConfig, SequenceSummary, estimate_spin, second_pass};
+use super::sequence::{SequenceConfig, SequenceSummary, estimate_spin, second_pass};
 use crate::error::{Error, Result, require};
-use crate::image::{DEFAULT_MAX_PIXELS, Picture, RgbImage, Roi};
+use crate::image::{DEFAULT_MAX_PIXELS, ImageView, Picture, RgbImage, Roi};
 use crate::pipeline::{Sink, map_ordered_within};
 use crate::source::files::{self, SkippedFiles, Source};
 use crate::source::video::VideoClock;
@@ -24,6 +25,7 @@ use crate::vision::estimator::propose::MAX_THOROUGH;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
 use crate::vision::frame::prior::{Budget, OutlinePrior, Prior};
+use crate::vision::outline::find::{OutlineFinder, OutlineSearch};
 
 /// Pictures that wait, beyond one a thread.
 const WAITING: usize = 2;
@@ -282,7 +284,7 @@ impl<K> Batch<K> {
         K: Send,
     {
         let job = FrameJob {
-            estimator,
+            work: Work::Poses(estimator),
             config,
             observer,
             large: &Mutex::new(()),
@@ -292,13 +294,74 @@ impl<K> Batch<K> {
     }
 }
 
+/// What is found in each frame of a clip.
+#[derive(Debug, Clone, Copy)]
+pub enum Work<'a> {
+    /// The ball's pose, by its dots.
+    Poses(&'a Estimator),
+    /// Its outline, where the dots are not known.
+    Outlines(&'a OutlineFinder),
+}
+
+impl<'a> From<&'a Estimator> for Work<'a> {
+    fn from(estimator: &'a Estimator) -> Self {
+        Self::Poses(estimator)
+    }
+}
+
+impl<'a> From<&'a OutlineFinder> for Work<'a> {
+    fn from(finder: &'a OutlineFinder) -> Self {
+        Self::Outlines(finder)
+    }
+}
+
+/// Working memory of a [`Work`], one a thread.
+// One a thread: a box is not worth its trouble.
+#[allow(clippy::large_enum_variant)]
+enum WorkMemory {
+    Poses(EstimatorWorkspace),
+    Outlines(OutlineSearch),
+}
+
+impl Work<'_> {
+    fn memory(&self) -> WorkMemory {
+        match self {
+            Self::Poses(estimator) => WorkMemory::Poses(estimator.workspace()),
+            Self::Outlines(finder) => WorkMemory::Outlines(finder.workspace()),
+        }
+    }
+
+    /// What a frame shows by itself. The memory is that of this work.
+    fn alone(
+        &self,
+        image: ImageView<'_>,
+        prior: &Prior,
+        budget: &Budget,
+        memory: &mut WorkMemory,
+        out: &mut FrameEstimate,
+    ) {
+        match (self, memory) {
+            (Self::Poses(estimator), WorkMemory::Poses(ws)) => {
+                estimator.estimate(image, prior, budget, ws, out);
+            }
+            (Self::Outlines(finder), WorkMemory::Outlines(ws)) => {
+                finder.find(image, prior, ws, out);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// What is done with a picture of the clip that is read again, by its number; `None` where that changes nothing.
+type Again<'a> = dyn Fn(usize, ImageView<'_>, &mut WorkMemory) -> Option<FrameEstimate> + Sync + 'a;
+
 /// Estimates the frames of files, folders and videos.
 ///
 /// # Errors
 /// [`crate::Error::Read`] and [`crate::Error::Input`] of an input or of the table of times; those of
 /// the observer.
-pub fn estimate_inputs<O>(
-    estimator: &Estimator,
+pub fn estimate_inputs<'a, O>(
+    work: impl Into<Work<'a>>,
     inputs: &[PathBuf],
     config: &BatchConfig,
     observer: &O,
@@ -308,7 +371,7 @@ where
 {
     let listed = files::list_sources(inputs)?;
     let job = FrameJob {
-        estimator,
+        work: work.into(),
         config,
         observer,
         large: &Mutex::new(()),
@@ -319,7 +382,7 @@ where
         first_error: None,
         observer,
     };
-    let work = |_, frame, ws: &mut EstimatorWorkspace| job.run(frame, ws);
+    let work = |_, frame, memory: &mut WorkMemory| job.run(frame, memory);
     let read = job.read_all(&sources, work, &mut collected)?;
     let Collected {
         mut frames,
@@ -350,6 +413,9 @@ where
     let times = set_times(&config.clock, clocks.last().copied(), &mut frames)?;
     let counts = read.into_iter().map(|(count, _)| count);
     let sources: Vec<(Source, usize)> = listed.sources.into_iter().zip(counts).collect();
+    if let (Work::Outlines(finder), false) = (job.work, config.independent) {
+        job.settle_outlines(finder, &sources, &mut frames)?;
+    }
     Ok(Batch {
         sequence: job.as_sequence(&sources, &mut frames)?,
         frames,
@@ -362,7 +428,7 @@ where
 
 /// What a thread needs to estimate a frame.
 struct FrameJob<'a, O> {
-    estimator: &'a Estimator,
+    work: Work<'a>,
     config: &'a BatchConfig,
     observer: &'a O,
     /// Held by the one thread that works on the colors of a large picture.
@@ -376,14 +442,14 @@ impl<O: BatchObserver> FrameJob<'_, O> {
     fn read_all<T: Send>(
         &self,
         sources: &[&Source],
-        work: impl Fn(usize, Frame, &mut EstimatorWorkspace) -> Result<T> + Sync,
+        work: impl Fn(usize, Frame, &mut WorkMemory) -> Result<T> + Sync,
         sink: &mut impl Sink<Result<T>, Error = Error>,
     ) -> Result<Vec<(usize, SourceEnd)>> {
-        let new_workspace = || self.estimator.workspace();
+        let new_workspace = || self.work.memory();
         read_all(sources, self.config.max_pixels, new_workspace, work, sink)
     }
 
-    fn run(&self, frame: Frame, workspace: &mut EstimatorWorkspace) -> Estimated<O::Kept> {
+    fn run(&self, frame: Frame, memory: &mut WorkMemory) -> Estimated<O::Kept> {
         let mut done = BatchFrame {
             name: frame.name,
             path: frame.path,
@@ -429,8 +495,8 @@ impl<O: BatchObserver> FrameJob<'_, O> {
             ..Prior::default()
         };
         let estimate = &mut done.estimate;
-        self.estimator
-            .estimate(image, &prior, &self.config.budget, workspace, estimate);
+        self.work
+            .alone(image, &prior, &self.config.budget, memory, estimate);
         done.kept = self.keep(&picture, estimate)?;
         Ok((done, None))
     }
@@ -456,15 +522,18 @@ impl<O: BatchObserver> FrameJob<'_, O> {
             row_s: self.config.row_s(frames),
             ..self.config.sequence
         };
-        let passed = match self.config.independent {
-            true => Ok(SequenceSummary::default()),
-            false => second_pass(
-                self.estimator,
-                config,
-                &times,
-                &mut estimates,
-                |wanted, work| self.on_pictures(sources, wanted, work, frames),
-            ),
+        let passed = match self.work {
+            Work::Poses(estimator) if !self.config.independent => {
+                second_pass(estimator, config, &times, &mut estimates, |wanted, work| {
+                    let again =
+                        |k: usize, image: ImageView<'_>, memory: &mut WorkMemory| match memory {
+                            WorkMemory::Poses(ws) => work(k, image, ws),
+                            WorkMemory::Outlines(_) => None,
+                        };
+                    self.on_pictures(sources, wanted, &again, frames)
+                })
+            }
+            _ => Ok(SequenceSummary::default()),
         };
         let seen_s = seen_times(config.row_s, &times, &estimates);
         let spin = estimate_spin(config, &seen_s, &estimates);
@@ -482,23 +551,64 @@ impl<O: BatchObserver> FrameJob<'_, O> {
         })
     }
 
+    /// Looks again for outlines that lie off the path of the others.
+    fn settle_outlines(
+        &self,
+        finder: &OutlineFinder,
+        sources: &[(Source, usize)],
+        frames: &mut [BatchFrame<O::Kept>],
+    ) -> Result<()> {
+        let times: Option<Vec<f64>> = frames.iter().map(|f| f.time_s).collect();
+        let ascend = |times: &Vec<f64>| times.windows(2).all(|w| w[0] < w[1]);
+        let numbers = || (0..frames.len()).map(|k| k as f64).collect();
+        let times = times.filter(ascend).unwrap_or_else(numbers);
+        for _ in 0..outlines::ROUNDS {
+            let estimates = frames.iter_mut().map(|f| std::mem::take(&mut f.estimate));
+            let estimates: Vec<FrameEstimate> = estimates.collect();
+            let is_given = |k: usize| estimates[k].outline.is_some_and(|o| o.is_given());
+            let doubts = outlines::off_the_path(&times, &estimates);
+            let doubts: Vec<_> = doubts.into_iter().filter(|d| !is_given(d.0)).collect();
+            for (frame, estimate) in frames.iter_mut().zip(estimates) {
+                frame.estimate = estimate;
+            }
+            let wanted: Vec<usize> = doubts.iter().map(|d| d.0).collect();
+            let again = |k: usize, image: ImageView<'_>, memory: &mut WorkMemory| {
+                let expected = &doubts[wanted.binary_search(&k).ok()?].1;
+                let WorkMemory::Outlines(ws) = memory else {
+                    return None;
+                };
+                let mut found = FrameEstimate::default();
+                finder.find(image, &outlines::near(expected), ws, &mut found);
+                outlines::is_settled(&mut found, expected).then_some(found)
+            };
+            let settled = self.on_pictures(sources, &wanted, &again, frames)?;
+            if settled.is_empty() {
+                break;
+            }
+            for (k, found) in settled {
+                frames[k].estimate = found;
+            }
+        }
+        Ok(())
+    }
+
     /// Works on the pictures of these frames; what comes of it. Their files are read once more: pictures are not kept.
     fn on_pictures(
         &self,
         sources: &[(Source, usize)],
         wanted: &[usize],
-        work: &ImageWork<'_>,
+        work: &Again<'_>,
         frames: &mut [BatchFrame<O::Kept>],
     ) -> Result<Vec<(usize, FrameEstimate)>> {
         let (read, numbers) = sources_with(sources, wanted);
-        let again = |at: usize, frame: Frame, ws: &mut EstimatorWorkspace| {
+        let again = |at: usize, frame: Frame, memory: &mut WorkMemory| {
             let number = numbers.get(at).copied();
             let number = number.filter(|k| wanted.binary_search(k).is_ok());
             let (Some(k), Ok(picture)) = (number, frame.picture) else {
                 return Ok(None);
             };
             let picture = self.upright(picture)?;
-            let Some(found) = work(k, picture.view()?, ws) else {
+            let Some(found) = work(k, picture.view()?, memory) else {
                 return Ok(None);
             };
             let kept = self.keep(&picture, &found)?;

@@ -7,6 +7,7 @@ pub(crate) mod balls_batch;
 pub(crate) mod batch;
 pub mod frame_table;
 pub(crate) mod orientations;
+pub(crate) mod outlines;
 pub(crate) mod painted;
 pub(crate) mod rolling;
 pub(crate) mod sequence;
@@ -20,7 +21,7 @@ pub use ball_tracks::{BallTracks, NumberedBalls, missing_balls, number_balls};
 pub use balls::{BallEstimate, BallsEstimator, BallsWorkspace};
 pub use balls_batch::{BallsBatch, BallsFrame, estimate_ball_inputs};
 pub use batch::{
-    Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource,
+    Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource, Work,
     estimate_inputs,
 };
 pub use orientations::{NamedFrame, orientations};

@@ -404,7 +404,6 @@ pub(crate) type Field<T> = std::result::Result<T, String>;
 
 impl<'a, const N: usize> TableRow<'a, N> {
     /// The line on which it begins, counted from 1.
-    #[cfg(feature = "vision")]
     pub fn line(&self) -> u64 {
         self.row.line()
     }

@@ -21,7 +21,8 @@
 //! - `turn_x,turn_y,turn_sd_x,turn_sd_y`, rad, of view frames only: all rows are in one view frame, that of the ball amid
 //!   its path; the turn from the row's own, and its deviation, one error that all rows share ([`ViewTurn`]);
 //! - `ball`, of frames with several balls: the number of the ball, one of which is read; `flash`, of exposures with several flashes,
-//!   whose rows are images of one ball.
+//!   whose rows are images of one ball: rows without a flash are none of them and are passed over, and of several exposures whose times
+//!   do not follow each other one is read.
 //!
 //! [`OrientationReader`] yields row after row from any input, in memory that does not grow with the
 //! file; [`OrientationWriter`] writes them likewise.
@@ -37,7 +38,7 @@ use nalgebra::{Matrix3, Vector2};
 use super::robust::SpinConfig;
 use super::shared::{SharedError, ViewTurn};
 use super::{DEFAULT_CONFIDENCE, Measurement};
-use crate::error::Result;
+use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
 use crate::files::csv::{Columns, Field, Table, TableRow, quoted, shown};
@@ -93,7 +94,10 @@ const WRITTEN: [usize; 3] = [10, 17, 21];
 /// The first column of the covariance, and that of the turns.
 const COVARIANCE: usize = 11;
 const TURN: usize = 17;
-/// The number of the ball and that of the flash, of files with several balls.
+/// At most so many names are listed.
+const LISTED: usize = 8;
+/// The name of the frame; the number of the ball and that of the flash, of files with several balls.
+const FRAME: usize = 0;
 const BALL: usize = 21;
 const FLASH: usize = 22;
 /// The same where the times come from elsewhere: only the quaternion is needed.
@@ -180,16 +184,6 @@ impl Orientations {
     /// there.
     pub fn read(path: &Path, input: impl BufRead) -> Result<Self> {
         Self::collect(OrientationReader::new(path, input)?)
-    }
-
-    /// As [`Orientations::read`], of rows at equal intervals, so many a second; times in the file
-    /// are passed over.
-    ///
-    /// # Errors
-    /// Those of [`Orientations::read`], and [`crate::Error::Argument`] for a rate that is not
-    /// positive.
-    pub fn read_at_rate(path: &Path, input: impl BufRead, fps: f64) -> Result<Self> {
-        Self::collect(OrientationReader::at_rate(path, input, fps)?)
     }
 
     /// All rows of a reader.
@@ -326,6 +320,11 @@ pub struct OrientationReader<R> {
     /// The ball that is read, where one is chosen, and that of the rows before.
     chosen: Option<usize>,
     ball: Option<usize>,
+    /// The same of exposures with several flashes: frames.
+    chosen_exposure: Option<String>,
+    exposure: Option<String>,
+    /// Whether rows are images of a ball by flashes.
+    of_flashes: bool,
     ended: bool,
 }
 
@@ -354,13 +353,16 @@ impl<R: BufRead> OrientationReader<R> {
 
     fn of(table: Table<R, COUNT>, interval_s: Option<f64>) -> Self {
         Self {
-            table,
             time_s: f64::NEG_INFINITY,
             interval_s,
             count: 0,
             camera_frame: None,
             chosen: None,
             ball: None,
+            chosen_exposure: None,
+            exposure: None,
+            of_flashes: table.has(FLASH),
+            table,
             ended: false,
         }
     }
@@ -374,6 +376,38 @@ impl<R: BufRead> OrientationReader<R> {
         }
     }
 
+    /// The same of one of several exposures with flashes: rows of other frames are passed over.
+    #[must_use]
+    pub fn of_exposure(self, frame: &str) -> Self {
+        Self {
+            chosen_exposure: Some(frame.to_owned()),
+            ..self
+        }
+    }
+
+    /// What the rows from here on hold in a column, beside what came before them: "a, b and c".
+    fn held(&mut self, column: usize, before: [String; 2]) -> Result<String> {
+        let mut names: Vec<String> = before.into();
+        while names.len() <= LISTED
+            && let Some(row) = self.table.next_row()?
+        {
+            if let Some(name) = row.text(column)
+                && names.iter().all(|known| known != name)
+            {
+                names.push(name.to_owned());
+            }
+        }
+        if column == BALL {
+            names.sort_by_key(|name| name.parse::<usize>().unwrap_or(usize::MAX));
+        }
+        let last = match names.len() > LISTED {
+            true => "more".to_owned(),
+            false => names.pop().unwrap_or_default(),
+        };
+        names.truncate(LISTED);
+        Ok(format!("{} and {last}", names.join(", ")))
+    }
+
     /// The frame of the orientations, where the rows read so far say it.
     pub fn camera_frame(&self) -> Option<CameraFrame> {
         self.camera_frame
@@ -384,17 +418,21 @@ impl<R: BufRead> OrientationReader<R> {
             let Some(row) = self.table.next_row()? else {
                 return Ok(None);
             };
+            let line = row.line();
             let ball = row.count(BALL).map_err(|problem| row.error(problem))?;
-            if self.chosen.is_some() && ball != self.chosen {
+            let flags = (self.chosen, self.chosen_exposure.as_deref());
+            if is_passed_over(&row, ball, flags, self.of_flashes) {
                 continue;
             }
             // A frame that shows no ball has a row without a number.
             let is_other = |(found, before): &(usize, usize)| found != before;
             let other = ball.zip(self.ball).filter(is_other);
-            if let Some((found, before)) = other.filter(|_| row.text(FLASH).is_none()) {
-                return Err(row.error(format!(
-                    "ball: expected one ball, found {found} after {before} (--ball chooses one)"
-                )));
+            if let Some((found, before)) = other.filter(|_| !self.of_flashes) {
+                let held = self.held(BALL, [before, found].map(|n| n.to_string()))?;
+                let problem = format!(
+                    "ball: expected one ball, found {found} after {before}: the file holds balls {held} (--ball chooses one)"
+                );
+                return Err(self.error(line, problem));
             }
             self.ball = ball.or(self.ball);
             let time_s = self.interval_s.map(|interval| interval * self.count as f64);
@@ -412,15 +450,45 @@ impl<R: BufRead> OrientationReader<R> {
             self.camera_frame = frame;
             self.count += 1;
             if self.time_s >= parsed.time_s {
-                return Err(row.error(format!(
+                let problem = format!(
                     "expected a time later than the {} s before it, found {} s",
                     self.time_s, parsed.time_s
-                )));
+                );
+                return Err(match self.exposure.take() {
+                    Some(before) if self.of_flashes && before != parsed.frame => {
+                        let held = self.held(FRAME, [before, parsed.frame])?;
+                        let words = format!(
+                            "{problem}: the file holds exposures {held} (--exposure chooses one)"
+                        );
+                        self.error(line, words)
+                    }
+                    _ => self.error(line, problem),
+                });
             }
             self.time_s = parsed.time_s;
+            if self.of_flashes {
+                self.exposure = Some(parsed.frame.clone());
+            }
             return Ok(Some(parsed));
         }
     }
+
+    fn error(&self, line: u64, problem: String) -> Error {
+        Error::input(self.table.path(), format!("line {line}"), problem)
+    }
+}
+
+/// Whether a row is none of those that are read: another ball's or exposure's than the one that is `chosen`, or, in a file of
+/// exposures with flashes, one that no flash lit.
+fn is_passed_over(
+    row: &TableRow<'_, COUNT>,
+    ball: Option<usize>,
+    chosen: (Option<usize>, Option<&str>),
+    of_flashes: bool,
+) -> bool {
+    let is_other = chosen.0.is_some() && ball != chosen.0;
+    let is_elsewhere = chosen.1.is_some() && row.text(FRAME) != chosen.1;
+    is_other || is_elsewhere || (of_flashes && row.text(FLASH).is_none())
 }
 
 impl<R: BufRead> Iterator for OrientationReader<R> {

@@ -811,7 +811,10 @@ fn the_spin_of_one_of_several_balls_is_chosen_by_its_number() {
         assert!((found - rps).abs() < 0.01, "{ball}: {found}");
     }
     for (args, expected) in [
-        (&[][..], "line 3: ball: expected one ball, found 1 after 0"),
+        (
+            &[][..],
+            "line 3: ball: expected one ball, found 1 after 0: the file holds balls 0 and 1 (--ball chooses one)",
+        ),
         (&["--ball", "2"], "expected rows of ball 2, found none"),
         // A ball need not have a row for every frame, so that its rows are at no even intervals.
         (&["--ball", "1", "--fps", "500"], "--ball"),
@@ -821,6 +824,65 @@ fn the_spin_of_one_of_several_balls_is_chosen_by_its_number() {
         assert_eq!(output.status.code(), Some(2), "{words}");
         assert!(words.contains(expected), "{words}");
     }
+}
+
+#[test]
+fn the_spin_of_flashes_is_read_from_their_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let turned = |time: f64, rps: f64| {
+        let half = std::f64::consts::PI * rps * time;
+        format!("{},0,0,{}", half.cos(), half.sin())
+    };
+    let header =
+        "frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence,camera_frame,ball,flash\n";
+    // Two exposures of four flashes each, and in each a ball that no flash of the likeliest hypothesis lit.
+    let exposures = |starts_s: [f64; 2]| {
+        let mut text = header.to_owned();
+        for (name, start_s, rps) in [("a", starts_s[0], 40.0), ("b", starts_s[1], 60.0)] {
+            for (flash, at_s) in [0.0, 0.0007, 0.0021, 0.0028].into_iter().enumerate() {
+                let q = turned(at_s, rps);
+                let time_s = start_s + at_s;
+                text += &format!("{name},{time_s},{q},9,9,0.5,0.99,view,{flash},{flash}\n");
+            }
+            text += &format!("{name},,{},9,9,0.5,0.99,view,,\n", turned(0.3, rps));
+        }
+        text
+    };
+    let write = |text: &str| std::fs::write(dir.path().join("o.csv"), text).unwrap();
+    let rps = |args: &[&str]| {
+        let args = [&["spin", "o.csv", "--json", "--motion", "constant"], args].concat();
+        let json: serde_json::Value = serde_json::from_str(&done(dir.path(), &args)).unwrap();
+        json["rps"].as_f64().unwrap()
+    };
+    write(&exposures([0.0, 0.0]));
+    for (name, expected) in [("a", 40.0), ("b", 60.0)] {
+        let found = rps(&["--exposure", name]);
+        assert!((found - expected).abs() < 0.1, "{name}: {found}");
+    }
+    for (args, expected) in [
+        (
+            &[][..],
+            "line 7: expected a time later than the 0.0028 s before it, found 0 s: the file holds exposures a and b \
+             (--exposure chooses one)",
+        ),
+        (
+            &["--exposure", "c"],
+            "frame: expected rows of c, found none",
+        ),
+    ] {
+        let output = spindoe(dir.path(), &[&["spin", "o.csv"][..], args].concat());
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{words}");
+        assert!(words.contains(expected), "{words}");
+    }
+    // One exposure needs no choice.
+    let one: Vec<String> = exposures([0.0, 0.0])
+        .lines()
+        .take(6)
+        .map(String::from)
+        .collect();
+    write(&(one.join("\n") + "\n"));
+    assert!((rps(&[]) - 40.0).abs() < 0.1);
 }
 
 #[test]

@@ -14,7 +14,6 @@
 
 use nalgebra::{Matrix2x3, Vector2};
 
-use super::MAX_INVERSE_DISTANCE;
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
@@ -175,7 +174,7 @@ impl SharedCamera {
                 axis,
                 ..
             } => {
-                let [min, max] = [MIN_INVERSE_DISTANCE, MAX_INVERSE_DISTANCE];
+                let [min, max] = [MIN_INVERSE_DISTANCE, CameraModel::MAX_INVERSE_DISTANCE];
                 let focal = circle.radius / (inverse_focal * circle.radius).clamp(min, max);
                 // The radius is that of the ray to the center, at its length: see BallView::new.
                 Camera::Perspective(Intrinsics::pinhole(
@@ -279,7 +278,7 @@ impl SharedCamera {
             return None;
         };
         let ratio = inverse_focal * radius;
-        Some((ratio / ratio.hypot(1.0)).clamp(0.0, MAX_INVERSE_DISTANCE))
+        Some((ratio / ratio.hypot(1.0)).clamp(0.0, CameraModel::MAX_INVERSE_DISTANCE))
     }
 
     /// Angle between the camera's axis and the ball, radians; `None` where the camera is known.

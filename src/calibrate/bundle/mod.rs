@@ -64,8 +64,6 @@ const RELAXATIONS: usize = 5;
 const SCALES: [f64; 2] = [0.3, 5.0];
 /// Minimum degrees of freedom from which the scale is estimated.
 const MIN_FREEDOM: f64 = 10.0;
-/// Largest ball radii over the camera's distance.
-const MAX_INVERSE_DISTANCE: f64 = 0.3;
 
 /// Prior of a dot's place of which hardly anything is known, radians.
 const FREE_SIGMA_RAD: f64 = 0.3;

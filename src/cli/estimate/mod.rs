@@ -451,7 +451,8 @@ impl Arguments {
         balls.iter().map(|ball| self.estimator(ball)).collect()
     }
 
-    fn estimator(&self, ball: &Ball) -> Result<Estimator> {
+    /// Rejects numbers outside their domains.
+    fn check_numbers(&self) -> Result<()> {
         if !(0.0..=1.0).contains(&self.min_confidence) {
             let problem = format!("expected 0 to 1, found {}", self.min_confidence);
             return Err(Error::argument("--min-confidence", problem));
@@ -471,6 +472,11 @@ impl Arguments {
                 return Err(Error::argument(flag, problem));
             }
         }
+        Ok(())
+    }
+
+    fn estimator(&self, ball: &Ball) -> Result<Estimator> {
+        self.check_numbers()?;
         let mut config = EstimatorConfig {
             camera: self.camera()?,
             outline: self.source.outline,

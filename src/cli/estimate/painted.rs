@@ -3,7 +3,6 @@
 use serde_json::{Value, json};
 
 use super::{Arguments, output};
-use crate::ball::Ball;
 use crate::cli::output::Counter;
 use crate::cli::{inputs, spin_summary};
 use crate::clip::batch::{Batch, BatchFrame, BatchObserver, SequenceOutcome, estimate_inputs};
@@ -17,6 +16,8 @@ use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::vision::FrameEstimate;
+use crate::vision::outline::circle::CircleConfig;
+use crate::vision::outline::find::OutlineFinder;
 use crate::vision::painted::{PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface};
 
 /// Keeps what frames show of the paint.
@@ -39,8 +40,10 @@ impl BatchObserver for Shown {
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let surface = arguments.surface()?;
-    let estimator = arguments.estimator(&Ball::new(SurfaceObserver::stand_in()?))?;
-    let config = SurfaceObserver::settings(arguments.batch()?);
+    arguments.check_numbers()?;
+    let camera = arguments.camera()?;
+    let finder = OutlineFinder::new(CircleConfig::default(), arguments.source.outline, &camera)?;
+    let config = arguments.batch()?;
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
     if let Some(path) = &arguments.write_surface {
@@ -51,7 +54,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         observer: SurfaceObserver::default(),
     };
     let tracker = PaintedTracker::new(&arguments.source.camera()?);
-    let mut batch = estimate_inputs(&estimator, &arguments.images, &config, &shown)?;
+    let mut batch = estimate_inputs(&finder, &arguments.images, &config, &shown)?;
     shown.counter.finish();
     inputs::say(&batch, &config)?;
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {

@@ -54,13 +54,14 @@ use super::frame::config::{CameraModel, EstimatorConfig};
 use super::frame::estimate::{EXPECTED_DOTS, FrameEstimate};
 use super::frame::prior::Spending;
 use super::optics::camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
+use super::optics::crop::Images;
 use super::outline::circle::coarse::CoarseSearch;
 use super::outline::locate::Locator;
 use super::outline::net::OutlineNet;
+use super::outline::recenter::{Recentered, Recentering};
 use super::outline::rim::RimFitter;
 use super::pose::dense::{DenseMatcher, DenseWorkspace};
 use super::pose::pixels::{PlacedDot, WholeWorkspace};
-use super::pose::recenter::{Recentered, Recentering};
 use super::pose::refine::{Match, Placement, Refiner};
 use crate::ball::Ball;
 use crate::error::Result;
@@ -70,7 +71,6 @@ use crate::recognize::Recognizer;
 use crate::recognize::robust::{RobustConfig, RobustRecognizer, RobustWorkspace};
 use crate::view::{FalseDots, ObservedDot, ViewModel};
 use propose::Places;
-use search::Images;
 
 /// The estimator: a pattern, a camera, a detector and the settings of everything between.
 #[derive(Debug, Clone)]
@@ -276,20 +276,6 @@ impl Estimator {
     /// The view of a frame's ball.
     pub(crate) fn view(&self, frame: &FrameEstimate) -> Option<BallView> {
         self.config.camera.view_of(frame)
-    }
-
-    /// The direction (camera frame) of each named dot, with its name.
-    pub fn named_directions<'a>(
-        &'a self,
-        frame: &'a FrameEstimate,
-    ) -> impl Iterator<Item = (u16, Vec3)> + 'a {
-        let view = self.view(frame);
-        let named = frame.dots.iter().zip(&frame.assignment);
-        named.filter_map(move |(dot, name)| {
-            let view = view?;
-            let direction = view.direction(dot.pixel)?;
-            Some(((*name)?, view.to_camera() * direction))
-        })
     }
 
     /// Where the pattern's dots in sight are expected in a frame with a pose: number, pixel and z.

@@ -8,14 +8,13 @@ use std::time::Instant;
 
 use super::propose::Proposal;
 use super::{Estimator, EstimatorWorkspace};
-use crate::image::{GrayImage, ImageView, RgbImage, Roi};
+use crate::image::{ImageView, Roi};
 use crate::recognize::Hint;
 use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection, Pose, Standing, is_mirrored};
 use crate::vision::frame::prior::{Budget, OutlinePrior, Prior, Spending};
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::optics::crop::Crop;
-use crate::vision::optics::grid::Grid;
 use crate::vision::outline::circle::NoBall;
 use crate::vision::outline::locate::{Candidate, Shape};
 use crate::vision::outline::place::Place;
@@ -28,16 +27,6 @@ const MIN_LIKELY_DOTS: usize = 5;
 const SURE: f64 = 0.95;
 /// Poses from here on are all but certain.
 const CERTAIN: f64 = 0.99;
-
-/// The images that a frame is converted into; their memory is reused.
-#[derive(Debug, Default)]
-pub(crate) struct Images {
-    /// A part of the frame, or the frame itself where it came as bytes.
-    part_gray: GrayImage,
-    part_color: RgbImage,
-    /// Gray of a part in colors.
-    pub gray: GrayImage,
-}
 
 impl Estimator {
     /// Estimates a frame. Outlines are proposed where the prior expects the ball, the likeliest first; dots are found within
@@ -143,26 +132,7 @@ impl Estimator {
         work: impl FnOnce(Crop<'_>, &mut EstimatorWorkspace),
     ) {
         let mut images = std::mem::take(&mut ws.images);
-        let is_whole = *part == Roi::whole(image.width(), image.height());
-        let (gray, color) = (&mut images.part_gray, &mut images.part_color);
-        let seen = match image {
-            _ if level > 0 => image.shrunk(part, level, gray, color),
-            ImageView::Gray(_) | ImageView::Color(_) if is_whole => image,
-            _ => image.part(part, gray, color),
-        };
-        if let ImageView::Color(color) = seen {
-            color.to_gray_into(&mut images.gray);
-        }
-        let crop = Crop {
-            image: seen,
-            gray: match seen {
-                ImageView::Gray(gray) => gray,
-                _ => &images.gray,
-            },
-            grid: Grid::of(part, level),
-            size: [image.width(), image.height()],
-        };
-        work(crop, ws);
+        images.view(image, part, level, |crop| work(crop, ws));
         ws.images = images;
     }
 

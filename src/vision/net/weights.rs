@@ -33,11 +33,6 @@ fn shipped(head: Head) -> (&'static str, &'static [u8]) {
     }
 }
 
-/// SHA-256 of a net's shipped weights, hexadecimal.
-pub fn built_in_sha256(head: Head) -> String {
-    files::sha256_hex(shipped(head).1)
-}
-
 /// One convolution's numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layer {

@@ -1,8 +1,8 @@
-//! A part of a frame that is searched.
+//! Parts of a frame that are searched, converted.
 
 use super::camera::Pixel;
 use super::grid::Grid;
-use crate::image::{GrayImage, ImageView};
+use crate::image::{GrayImage, ImageView, RgbImage, Roi};
 
 /// A part of a frame, converted.
 #[derive(Debug, Clone, Copy)]
@@ -22,6 +22,47 @@ impl Crop<'_> {
         self.grid.pixel_to_part(Pixel {
             u: width,
             v: height,
+        })
+    }
+}
+
+/// The images that a frame is converted into; their memory is reused.
+#[derive(Debug, Default)]
+pub(crate) struct Images {
+    /// A part of the frame, or the frame itself where it came as bytes.
+    part_gray: GrayImage,
+    part_color: RgbImage,
+    /// Gray of a part in colors.
+    pub gray: GrayImage,
+}
+
+impl Images {
+    /// Hands a part of a frame, halved so often, to `work`, converted.
+    pub fn view<T>(
+        &mut self,
+        image: ImageView<'_>,
+        part: &Roi,
+        level: u32,
+        work: impl FnOnce(Crop<'_>) -> T,
+    ) -> T {
+        let is_whole = *part == Roi::whole(image.width(), image.height());
+        let (gray, color) = (&mut self.part_gray, &mut self.part_color);
+        let seen = match image {
+            _ if level > 0 => image.shrunk(part, level, gray, color),
+            ImageView::Gray(_) | ImageView::Color(_) if is_whole => image,
+            _ => image.part(part, gray, color),
+        };
+        if let ImageView::Color(color) = seen {
+            color.to_gray_into(&mut self.gray);
+        }
+        work(Crop {
+            image: seen,
+            gray: match seen {
+                ImageView::Gray(gray) => gray,
+                _ => &self.gray,
+            },
+            grid: Grid::of(part, level),
+            size: [image.width(), image.height()],
         })
     }
 }

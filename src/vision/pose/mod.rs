@@ -5,7 +5,6 @@ pub(crate) mod all_places;
 pub(crate) mod dense;
 pub(crate) mod identify;
 pub(crate) mod pixels;
-pub(crate) mod recenter;
 pub(crate) mod refine;
 pub(crate) mod sharpen;
 pub(crate) mod trust;

@@ -8,18 +8,17 @@
 
 use nalgebra::Matrix3;
 use rayon::prelude::*;
-use spindoe::geometry::{Rotation, rotation_angle, spiral_directions};
-use spindoe::pattern::Pattern;
+use spindoe::geometry::{Rotation, rotation_angle};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::Rendering;
 use spindoe::validate::Proportion;
-use spindoe::vision::frame::CameraModel;
+use spindoe::vision::frame::{CameraModel, OutlineMethod};
 use spindoe::vision::optics::camera::Camera;
+use spindoe::vision::outline::find::OutlineFinder;
 use spindoe::vision::painted::{PaintedFrame, PaintedPoses, PaintedTracker};
-use spindoe::vision::{FrameEstimate, Outline, Prior};
+use spindoe::vision::{CircleConfig, FrameEstimate, Outline, Prior};
 use spindoe::{Measurement, SpinEstimator};
 use spindoe_studies::Outcome;
-use spindoe_studies::frames::estimator;
 use spindoe_studies::painted::{Handling, PaintedClip};
 
 /// A pose is wrong beyond so many degrees.
@@ -143,10 +142,10 @@ impl Args {
     }
 
     fn see(&self, clip: &PaintedClip) -> Outcome<Seen> {
-        let stand_in = Pattern::new(spiral_directions(20).collect())?;
-        let detecting = estimator(&stand_in)?;
-        let mut workspace = detecting.workspace();
-        let budget = spindoe::clip::SurfaceObserver::budget();
+        let camera = CameraModel::default();
+        let finder =
+            OutlineFinder::new(CircleConfig::default(), OutlineMethod::default(), &camera)?;
+        let mut workspace = finder.workspace();
         let mut seen = Seen {
             frames: Vec::new(),
             truth: Vec::new(),
@@ -159,7 +158,7 @@ impl Args {
             } else {
                 let mut found = FrameEstimate::default();
                 let prior = Prior::default();
-                detecting.estimate(&shown.image, &prior, &budget, &mut workspace, &mut found);
+                finder.find(&shown.image, &prior, &mut workspace, &mut found);
                 found.outline
             };
             let taken = outline.map(|o| PaintedFrame::take(&shown.image.to_gray(), &o));

@@ -5,13 +5,15 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spindoe::Rotation;
 use spindoe::geometry::{Vec3, random_rotation, rotation_angle, spiral_directions};
+use spindoe::image::GrayImage;
 use spindoe::pattern::Pattern;
 use spindoe::synth::blotches::Blotches;
 use spindoe::synth::{Scene, SynthConfig, SynthKind};
-use spindoe::vision::Outline;
-use spindoe::vision::frame::CameraModel;
+use spindoe::vision::frame::{CameraModel, OutlineMethod};
 use spindoe::vision::optics::camera::Camera;
+use spindoe::vision::outline::find::OutlineFinder;
 use spindoe::vision::painted::{PaintedFrame, PaintedRejection, PaintedTracker, Surface};
+use spindoe::vision::{CircleConfig, FrameEstimate, Outline, Prior};
 
 /// The camera's distance, ball radii.
 const DISTANCE: f64 = 20.0;
@@ -266,4 +268,96 @@ fn a_clip_without_a_ball_leaves_no_surface() {
     let words = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(words.contains("no frame shows the paint"), "{words}");
     assert!(at.join("found.csv").exists() && !at.join("ball.npz").exists());
+}
+
+/// A ball with dark caps before bare gray, by another renderer than the crate's: parallel rays, light from the upper left, four
+/// samples a pixel. Middle gray lies between the ball's lit and its dark side.
+fn drawn(
+    caps: &[(Vec3, f64, f64)],
+    rotation: &Rotation,
+    center: [f64; 2],
+    noise: u64,
+) -> GrayImage {
+    let (width, height, radius) = (640usize, 480usize, 50.0);
+    let turned: Vec<(Vec3, f64, f64)> = caps
+        .iter()
+        .map(|(d, c, g)| (rotation * d, *c, *g))
+        .collect();
+    let mut rng = ChaCha8Rng::seed_from_u64(noise);
+    let shade = |x: f64, y: f64| {
+        let rim = x * x + y * y;
+        (rim < 1.0).then(|| {
+            let at = Vec3::new(x, y, (1.0 - rim).sqrt());
+            let covering = turned.iter().rfind(|(d, cos, _)| d.dot(&at) > *cos);
+            let paint = covering.map_or(0.85, |c| c.2);
+            paint * (0.35 + 0.65 * at.dot(&Vec3::new(-0.4, 0.5, 0.77)).max(0.0))
+        })
+    };
+    let mut values = Vec::with_capacity(width * height);
+    for row in 0..height {
+        for column in 0..width {
+            let mut sum = 0.0;
+            for (du, dv) in [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)] {
+                let x = (column as f64 + du - center[0]) / radius;
+                let y = (center[1] - row as f64 - dv) / radius;
+                sum += shade(x, y).unwrap_or(0.5);
+            }
+            let value = 0.25 * sum + rng.random_range(-0.012..0.012);
+            values.push(value.clamp(0.0, 1.0) as f32);
+        }
+    }
+    GrayImage::new(width, height, values).unwrap()
+}
+
+#[test]
+fn a_painted_ball_is_found_and_followed_in_a_large_picture() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let caps: Vec<(Vec3, f64, f64)> = (0..26)
+        .map(|_| {
+            let direction = random_rotation(&mut rng) * Vec3::z();
+            let reach: f64 = rng.random_range(0.12..0.45);
+            (
+                direction,
+                reach.cos(),
+                [0.15, 0.25, 0.5][rng.random_range(0..3)],
+            )
+        })
+        .collect();
+    let camera = CameraModel::Known(Camera::Near {
+        inverse_distance: 0.0,
+    });
+    let finder =
+        OutlineFinder::new(CircleConfig::default(), OutlineMethod::default(), &camera).unwrap();
+    let mut workspace = finder.workspace();
+    let axis = Vec3::new(0.48, 0.6, 0.64);
+    let truth: Vec<Rotation> = (0..20)
+        .map(|k| Rotation::from_scaled_axis(axis * (8.0 * f64::from(k)).to_radians()))
+        .collect();
+    let frames: Vec<PaintedFrame> = (0u64..)
+        .zip(&truth)
+        .map(|(k, rotation)| {
+            let center = [250.0 + 1.5 * k as f64, 210.0 + 0.4 * k as f64];
+            let image = drawn(&caps, rotation, center, k);
+            let mut found = FrameEstimate::default();
+            finder.find(&image, &Prior::default(), &mut workspace, &mut found);
+            let outline = found
+                .outline
+                .unwrap_or_else(|| panic!("frame {k}: {:?}", found.outcome));
+            let circle = outline.circle;
+            let off = (circle.center.u - center[0]).hypot(circle.center.v - center[1]);
+            assert!(
+                off < 1.0 && (circle.radius - 50.0).abs() < 1.0,
+                "frame {k}: {circle:?}"
+            );
+            PaintedFrame::take(&image, &outline)
+        })
+        .collect();
+    let track = PaintedTracker::new(&camera).track(&frames);
+    let posed = track.poses.iter().zip(&truth).filter_map(|(pose, truth)| {
+        let pose = pose.as_ref().ok()?;
+        Some(rotation_angle(&pose.rotation, truth).to_degrees())
+    });
+    let errors: Vec<f64> = posed.collect();
+    assert!(errors.len() >= 18, "{} of 20", errors.len());
+    assert!(errors.iter().all(|e| *e < 5.0), "{errors:.1?}");
 }

@@ -8,6 +8,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 use super::field::{BLUR, Blob, INK, Pixels, PlacedDot, RHO, SHADES};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::MAX_DOTS;
+use crate::vision::frame::config::CameraModel;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
 use crate::vision::optics::sums::Sums;
 
@@ -117,7 +118,8 @@ impl Fit {
         self.circle.center.u += step[3];
         self.circle.center.v += step[4];
         self.circle.radius += step[5].clamp(-0.3, 0.3);
-        self.inverse_distance = (self.inverse_distance + step[6]).clamp(0.0, 0.25);
+        self.inverse_distance =
+            (self.inverse_distance + step[6]).clamp(0.0, CameraModel::MAX_INVERSE_DISTANCE);
         self.ln_radius += step[7].clamp(-0.3, 0.3);
         self.ln_blur += step[8].clamp(-0.3, 0.3);
         self.ink = (self.ink + step[9]).clamp(0.05, 1.5);

@@ -1,0 +1,227 @@
+//! A ball's outline without its dots: for balls whose marks are not known.
+//!
+//! ```text
+//! region  -> circles of the edges, of a large image in one of a few hundred pixels   (BallFinder)
+//! circles -> each near by in the image itself: edges and net together                (Locator)
+//! outline    the most complete of these; off the axis of a known camera seen straight at the ball
+//! ```
+//!
+//! What is expected (an outline of [`Prior`]) is looked for near by, and what is given is taken as it is. A circle of the edges is
+//! worth the share of its rim that has an edge, and of the whole that lies in the image.
+//!
+//! Guarantees: the answer depends on image and prior alone. Not guaranteed: that the most complete circle is the ball. What is round
+//! and lies behind it, or hides it, can be more complete; the frames of a clip decide that ([`clip`](crate::clip)).
+
+use crate::error::Result;
+use crate::image::{ImageView, Roi};
+use crate::vision::frame::config::{CameraModel, OutlineMethod};
+use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
+use crate::vision::frame::outline::Outline;
+use crate::vision::frame::prior::Prior;
+use crate::vision::optics::camera::{BallCircle, Camera};
+use crate::vision::optics::crop::{Crop, Images};
+use crate::vision::optics::intrinsics::Intrinsics;
+use crate::vision::outline::circle::{BallFinder, BallFit, CircleConfig, NoBall};
+use crate::vision::outline::locate::{Candidate, Locator};
+use crate::vision::outline::net::OutlineNet;
+use crate::vision::outline::place::Place;
+use crate::vision::outline::recenter::Recentering;
+
+/// Circles are looked for in an image that is halved until its longer side has no more pixels than this.
+const SIDE: usize = 320;
+/// Circles that are looked at closer.
+const TRIED: usize = 4;
+/// A circle as complete as this is the ball: no other is looked at.
+const COMPLETE: f64 = 0.85;
+/// What an outline of the net alone is worth: that of edges on so much of the rim.
+const BY_NET: f64 = 0.5;
+
+/// Finds outlines: what is known of balls and camera.
+#[derive(Debug, Clone)]
+pub struct OutlineFinder {
+    circle: CircleConfig,
+    net: Option<OutlineNet>,
+    intrinsics: Option<Intrinsics>,
+}
+
+/// Working memory of an [`OutlineFinder`], one a thread.
+#[derive(Debug)]
+pub struct OutlineSearch {
+    images: Images,
+    /// At the small scale.
+    finder: BallFinder,
+    circles: Vec<BallCircle>,
+    locator: Locator,
+    recentering: Recentering,
+    /// What was found at the place in hand.
+    there: FrameEstimate,
+}
+
+impl OutlineFinder {
+    /// For balls within these bounds, seen by this camera.
+    ///
+    /// # Errors
+    /// [`crate::Error::Internal`] where this crate was built with damaged weights.
+    pub fn new(circle: CircleConfig, method: OutlineMethod, camera: &CameraModel) -> Result<Self> {
+        Ok(Self {
+            circle,
+            net: method.net()?,
+            intrinsics: match camera {
+                CameraModel::Known(Camera::Perspective(intrinsics)) => Some(*intrinsics),
+                _ => None,
+            },
+        })
+    }
+
+    /// A new workspace.
+    pub fn workspace(&self) -> OutlineSearch {
+        OutlineSearch {
+            images: Images::default(),
+            finder: BallFinder::new(self.circle),
+            circles: Vec::new(),
+            locator: Locator::new(self.circle),
+            recentering: Recentering::new(self.circle),
+            there: FrameEstimate::default(),
+        }
+    }
+
+    /// Finds the ball's outline; `out` has it, or why there is none, and neither dots nor a pose.
+    pub fn find<'a>(
+        &self,
+        image: impl Into<ImageView<'a>>,
+        prior: &Prior,
+        ws: &mut OutlineSearch,
+        out: &mut FrameEstimate,
+    ) {
+        let image = image.into();
+        out.clear();
+        let (width, height) = (image.width(), image.height());
+        let region = prior.region.unwrap_or(Roi::whole(width, height));
+        let least = (self.circle.min_radius_px as usize).max(1);
+        let is_wide = |r: &Roi| r.width.min(r.height) >= least;
+        let region = region.cut(width, height).filter(is_wide);
+        let expected = prior.outline.map(|o| match o.believed() {
+            Some(known) => Place::Known(known),
+            None => Place::Near(o.circle),
+        });
+        let found = match (expected, region) {
+            (Some(place), _) => self.best_of(image, &[place], ws, out),
+            (None, Some(region)) => self.find_within(image, &region, ws, out),
+            (None, None) => Err(NoBall::TooSmall { width, height }),
+        };
+        if let Err(why) = found {
+            out.clear();
+            out.outcome = Err(FrameRejection::NoBall(why));
+        }
+    }
+
+    /// The same anywhere in a part of the image.
+    fn find_within(
+        &self,
+        image: ImageView<'_>,
+        region: &Roi,
+        ws: &mut OutlineSearch,
+        out: &mut FrameEstimate,
+    ) -> std::result::Result<(), NoBall> {
+        let mut level = 0;
+        while region.width.max(region.height) >> level > SIDE {
+            level += 1;
+        }
+        if level == 0 {
+            return self.best_of(image, &[Place::Within(*region)], ws, out);
+        }
+        let (finder, circles) = (&mut ws.finder, &mut ws.circles);
+        let found = ws.images.view(image, region, level, |crop| {
+            let found = match crop.image {
+                ImageView::Color(color) => finder.find_in_color(crop.gray, color),
+                ImageView::Gray(_) | ImageView::Raw(_) => finder.find(crop.gray),
+            };
+            let all = found.iter().copied().chain(finder.others());
+            circles.clear();
+            circles.extend(all.map(|fit| crop.grid.circle_to_image(&fit.circle)));
+            found
+        });
+        let places: Vec<Place> = ws
+            .circles
+            .iter()
+            .take(TRIED)
+            .map(|c| Place::Near(*c))
+            .collect();
+        match (self.best_of(image, &places, ws, out), found) {
+            (Ok(()), _) => Ok(()),
+            // Balls that the small scale does not show.
+            (Err(_), _) => self.best_of(image, &[Place::Within(*region)], ws, out),
+        }
+    }
+
+    /// The most complete outline at these places.
+    fn best_of(
+        &self,
+        image: ImageView<'_>,
+        places: &[Place],
+        ws: &mut OutlineSearch,
+        out: &mut FrameEstimate,
+    ) -> std::result::Result<(), NoBall> {
+        let mut best: Option<f64> = None;
+        let mut why = NoBall::NoCircle { support: 0.0 };
+        for place in places {
+            let Some((part, level)) = place.part(&image) else {
+                continue;
+            };
+            let mut images = std::mem::take(&mut ws.images);
+            let found = images.view(image, &part, level, |crop| self.at_place(&crop, place, ws));
+            ws.images = images;
+            match found {
+                Ok(worth) if best.is_none_or(|best| worth > best) => {
+                    best = Some(worth);
+                    std::mem::swap(&mut ws.there, out);
+                }
+                Ok(_) => {}
+                Err(reason) => why = reason,
+            }
+            if best.is_some_and(|worth| worth >= COMPLETE) {
+                break;
+            }
+        }
+        best.map(|_| ()).ok_or(why)
+    }
+
+    /// The most complete outline at a place, written into the workspace; what it is worth.
+    fn at_place(
+        &self,
+        crop: &Crop<'_>,
+        place: &Place,
+        ws: &mut OutlineSearch,
+    ) -> std::result::Result<f64, NoBall> {
+        let net = self.net.as_ref();
+        ws.locator.begin(crop, place, net)?;
+        let is_open = matches!(place, Place::Within(_));
+        let mut best: Option<(f64, Candidate)> = None;
+        while let Some(candidate) = ws.locator.next(crop.gray, net, is_open) {
+            let worth = completeness(candidate.fit.as_ref());
+            if best.is_none_or(|(known, _)| worth > known) {
+                best = Some((worth, candidate));
+            }
+            if worth >= COMPLETE {
+                break;
+            }
+        }
+        let (worth, candidate) = best.ok_or(NoBall::NoCircle { support: 0.0 })?;
+        let there = &mut ws.there;
+        there.clear();
+        (there.outline, there.fit) = (Some(candidate.outline), candidate.fit);
+        if let Some(intrinsics) = &self.intrinsics {
+            let k = crop.grid.intrinsics_to_part(intrinsics);
+            let contrast = ws.locator.color_contrast();
+            ws.recentering.recenter(&k, crop.gray, contrast, there);
+        }
+        there.circle = there.outline.map(|o: Outline| o.circle);
+        there.place(&crop.grid);
+        Ok(worth)
+    }
+}
+
+/// How much of an outline is seen, 0 to 1.
+fn completeness(fit: Option<&BallFit>) -> f64 {
+    fit.map_or(BY_NET, |fit| fit.support * fit.visible.sqrt())
+}
