@@ -10,7 +10,6 @@ use super::{Arguments, Picture};
 use crate::cli::inputs;
 use crate::cli::motion::Motion;
 use crate::cli::spin_summary;
-use crate::cli::spin_summary::LISTED_BEYOND;
 use crate::files::csv::shown;
 use crate::geometry::{CameraFrame, to_wxyz};
 use crate::spin::SpinRejection;
@@ -104,7 +103,7 @@ fn spin(
         ..SpinConfig::default()
     });
     let listed = AliasConfig {
-        max_rps: LISTED_BEYOND * arguments.max_spin_rps(),
+        max_rps: arguments.max_spin_rps(),
         sigma_rad: config.sigma_rad,
         ..AliasConfig::default()
     };
