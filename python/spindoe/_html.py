@@ -84,10 +84,10 @@ def frame(found: FrameEstimate) -> str:
 
 def sequence(found: SequenceEstimate) -> str:
     """A bar a frame, as high as its orientation's confidence and red where there is none, and the spin with its
-    aliases."""
+    likeliest aliases."""
     words = [repr(found)]
     if found.spin and found.spin.aliases:
-        others = [np.linalg.norm(alias.spin_rad_s) / (2.0 * np.pi) for alias in found.spin.aliases]
+        others = [np.linalg.norm(alias.spin_rad_s) / (2.0 * np.pi) for alias in found.spin.aliases[:3]]
         words.append(f"or {', '.join(f'{rps:.1f}' for rps in others)} rps")
     width = min(8.0, 600.0 / max(len(found.frames), 1))
     shapes = []

@@ -32,7 +32,7 @@ _Spin = tuple[
     _Floats,
     list[tuple[_Floats, float]],
     str,
-    tuple[str, float, _Floats, float | None],
+    tuple[str, float, _Floats, float | None, list[str]],
 ]
 _Calibrated = tuple[
     HashTable,

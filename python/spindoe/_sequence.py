@@ -194,7 +194,7 @@ def _arrays(found: SequenceEstimate) -> dict[str, NDArray[Any]]:
             "alias_spins_rad_s": stack((3,), [[alias.spin_rad_s] for alias in found.spin.aliases]),
             "alias_log_likelihood_ratios": np.array([a.log_likelihood_ratio for a in found.spin.aliases]),
         }
-        spin = {name: getattr(found.spin, name) for name in _SPIN_SCALARS}
+        spin = {name: getattr(found.spin, name) for name in _SPIN_SCALARS} | {"clock": list(found.spin.clock)}
     else:
         spin = {"reason": found.spin.reason}
     meta = {
@@ -267,6 +267,7 @@ def _sequence(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Se
             inlier_probabilities=arrays["spin_inlier_probabilities"],
             body_rate_rad_s=get("spin_body_rate_rad_s", 3),
             aliases=tuple(Alias(vector, ratio) for vector, ratio in aliases),
+            clock=tuple(meta["spin"].get("clock", ())),
             **{name: meta["spin"][name] for name in _SPIN_SCALARS},
         )
     return SequenceEstimate(

@@ -64,6 +64,9 @@ class Spin:
     lack_of_fit: float | None = None
     """How much more parts of the sequence differ from the motion than their noise explains, a ratio of variances by which
     `covariance` is widened; None where that is not evident."""
+    clock: tuple[str, ...] = ()
+    """What was found wrong with the times, and mended: repeated images, lost frames, rounded times, times that scatter. The spin
+    is that with the times mended."""
 
     @property
     def rps(self) -> float:
@@ -148,7 +151,8 @@ def spin_of(found: Any) -> Spin | Rejection:
     spin = Spin(*found[:8])
     aliases, spin.frame, motion = found[8:]
     spin.aliases = tuple(Alias(*alias) for alias in aliases)
-    spin.model, spin.decay_per_s, spin.body_rate_rad_s, spin.lack_of_fit = motion
+    spin.model, spin.decay_per_s, spin.body_rate_rad_s, spin.lack_of_fit, clock = motion
+    spin.clock = tuple(clock)
     return spin
 
 

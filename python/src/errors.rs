@@ -40,9 +40,8 @@ pub fn value_error(name: &str, problem: impl std::fmt::Display) -> PyErr {
 /// A rejection that says no more than "no spin", or the error of bad input.
 pub fn spin_rejection(rejection: SpinRejection) -> PyResult<String> {
     match rejection {
-        SpinRejection::TooFewFrames { .. } | SpinRejection::NoConsensus { .. } => {
-            Ok(rejection.to_string())
-        }
+        SpinRejection::TooFewFrames { .. } => Ok(rejection.to_string()),
+        _ if rejection.is_no_spin() => Ok(rejection.to_string()),
         _ => Err(to_python(rejection.into())),
     }
 }

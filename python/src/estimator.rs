@@ -599,14 +599,25 @@ impl Tracker {
                 let (tracker, buffers) = &mut *guard;
                 let image = samples.view(buffers)?;
                 let state = tracker.update(image, time_s, outline.as_ref())?;
-                Ok((state.frame.clone(), *state.spin))
+                Ok((
+                    state.frame.clone(),
+                    state.spin.map(|fit| (fit, *state.clock)),
+                ))
             })
             .or_raise()?;
         let spin = match fitted {
             // Aliases are listed where they are asked for: their search is no work for every frame.
-            Ok(fit) => {
+            Ok((fit, clock)) => {
                 let constant = FittedMotion::Constant(fit);
-                Answer::Found(spin::to_tuple(py, &fit, &constant, self.frame, &[], &[]))
+                Answer::Found(spin::to_tuple(
+                    py,
+                    &fit,
+                    &constant,
+                    self.frame,
+                    &[],
+                    &[],
+                    &clock,
+                ))
             }
             Err(rejection) => Answer::Rejected(rejection.to_string()),
         };

@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use spindoe::Vec3;
 use spindoe::geometry::{CameraFrame, to_wxyz, turned_covariance};
 use spindoe::spin::alias::{AliasConfig, Alternative, SpinEvidence};
+use spindoe::spin::clock::Clock;
 use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
 use spindoe::spin::orientations::{OrientationRow, Orientations};
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
@@ -19,11 +20,8 @@ use crate::arrays::{
 };
 use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
 
-/// Aliases are listed up to this multiple of the largest spin searched, as the command lists them.
-const LISTED_BEYOND: f64 = 2.0;
-
 /// A fit: reference time, spin, orientation then, covariance, noise, log-likelihood, inliers,
-/// probabilities, aliases; frame; motion, rate of decay, rate fixed in the ball then, lack of fit.
+/// probabilities, aliases; frame; motion, rate of decay, rate fixed in the ball then, lack of fit, what was wrong with the times.
 pub type Found<'py> = (
     f64,
     Bound<'py, PyArray1<f64>>,
@@ -35,7 +33,13 @@ pub type Found<'py> = (
     Bound<'py, PyArray1<f64>>,
     Vec<(Bound<'py, PyArray1<f64>>, f64)>,
     &'static str,
-    (&'static str, f64, Bound<'py, PyArray1<f64>>, Option<f64>),
+    (
+        &'static str,
+        f64,
+        Bound<'py, PyArray1<f64>>,
+        Option<f64>,
+        Vec<String>,
+    ),
 );
 
 /// A file of orientations for Python: quaternions (n, 4), covariances (n, 3, 3), NaN where there is none, and the turns of the view
@@ -123,7 +127,7 @@ pub fn estimate_tuple<'py>(
         return Err(value_error("at_s", problem));
     }
     let listed = AliasConfig {
-        max_rps: LISTED_BEYOND * config.max_rps,
+        max_rps: config.max_rps,
         sigma_rad: config.sigma_rad,
         ..AliasConfig::default()
     };
@@ -145,6 +149,7 @@ pub fn estimate_tuple<'py>(
         frame,
         &probabilities,
         aliases,
+        &estimate.clock,
     ))
 }
 
@@ -156,6 +161,7 @@ pub fn to_tuple<'py>(
     frame: CameraFrame,
     probabilities: &[f64],
     aliases: &[Alternative],
+    clock: &Clock,
 ) -> Found<'py> {
     (
         fit.motion.time_s,
@@ -176,6 +182,7 @@ pub fn to_tuple<'py>(
             motion.decay_per_s(),
             vector(py, &motion.body_rate(fit.motion.time_s)),
             fit.lack_of_fit,
+            clock.words(),
         ),
     )
 }

@@ -45,7 +45,8 @@ impl Motion {
         let time_s = time_s.unwrap_or(estimate.middle_s());
         let median_off = |motion: &FittedMotion| {
             let off = |m: &Measurement| motion.predict(m.time_s).angle_to(&m.orientation);
-            median(&mut measurements.iter().map(off).collect::<Vec<_>>())
+            let followed = estimate.followed(measurements);
+            median(&mut followed.iter().map(off).collect::<Vec<_>>())
         };
         // Without a constant spin that holds, the mean one.
         let constant = estimate.constant.unwrap_or_else(|| estimate.at(time_s));

@@ -353,7 +353,7 @@ impl Request<'_> {
             ..*self.config
         };
         let listed = AliasConfig {
-            max_rps: spin_summary::LISTED_BEYOND * arguments.max_spin_rps,
+            max_rps: arguments.max_spin_rps,
             sigma_rad: config.sigma_rad,
             ..AliasConfig::default()
         };
@@ -361,6 +361,7 @@ impl Request<'_> {
             .fit(measurements, config)
             .map_err(|r| self.rejected(r))?;
         if let FittedMotion::Constant(fit) = &estimate.motion
+            && estimate.clock.is_right()
             && self.held.contradicts(fit)
         {
             let reason = format!(
@@ -396,7 +397,7 @@ impl Request<'_> {
     fn rejected(&self, rejection: SpinRejection) -> Error {
         let (rows, path) = (self.file.rows.len(), self.name.to_path_buf());
         match rejection {
-            SpinRejection::NoConsensus { .. } => Error::NoAnswer {
+            _ if rejection.is_no_spin() => Error::NoAnswer {
                 path,
                 reason: format!("{rejection}{}", self.held.words(self.arguments.motion)),
             },

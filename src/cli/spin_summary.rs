@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use crate::geometry::{CameraFrame, Vec3, to_wxyz};
 use crate::spin::Fit;
+use crate::spin::alias::Alternative;
 use crate::spin::robust::standard_deviations;
 use crate::spin::summary::SpinSummary;
 #[cfg(feature = "vision")]
@@ -17,10 +18,8 @@ use crate::spin::{
     robust::SpinConfig,
 };
 
-/// Alternatives are listed up to this multiple of the largest spin searched.
-pub(super) const LISTED_BEYOND: f64 = 2.0;
-/// Alternatives printed in words; JSON has them all.
-const MAX_PRINTED: usize = 6;
+/// Alternatives printed in words where no rule says which they are; JSON has them all.
+const MAX_PRINTED: usize = 3;
 
 /// The constant spin of rows whose times increase, in their frame.
 #[cfg(feature = "vision")]
@@ -32,7 +31,7 @@ pub(super) fn of_rows(
     let measurements = file.measurements();
     let estimate = SpinEstimate::fit(&measurements, MotionModel::Constant, &config)?;
     let listed = AliasConfig {
-        max_rps: LISTED_BEYOND * spin.max_rps,
+        max_rps: spin.max_rps,
         sigma_rad: config.sigma_rad,
         ..AliasConfig::default()
     };
@@ -53,6 +52,17 @@ pub(super) fn to_json(summary: &SpinSummary, frame: CameraFrame) -> Value {
         entry
     });
     json["alternatives"] = alternatives.collect();
+    let clock = &summary.clock;
+    json["clock"] = match clock.is_right() {
+        true => Value::Null,
+        false => json!({
+            "repeated": clock.repeated,
+            "grid_s": clock.grid_s,
+            "slipped": clock.slipped,
+            "scatter_s": clock.scatter_s,
+            "words": clock.words(),
+        }),
+    };
     json
 }
 
@@ -111,27 +121,40 @@ pub(super) fn lines(summary: &SpinSummary, frame: CameraFrame) -> Vec<String> {
             sigma.to_degrees()
         ));
     }
+    let words = summary.clock.words();
+    lines.extend(words.iter().map(|words| format!("  clock     {words}")));
     if let Some(limit) = summary.unique_up_to_rps {
         lines.push(format!(
-            "  unique    up to {limit:.2} rps at these times: faster spins have a slower alias"
+            "  unique    up to {limit:.2} rps at these times; a faster ball would show aliases every {:.2} rps",
+            2.0 * limit
         ));
     }
-    for a in summary.alternatives.iter().take(MAX_PRINTED) {
-        let likelihood = match a.log_likelihood_ratio {
-            r if r.abs() < 5e-3 => "as likely".to_owned(),
-            r => format!("log-likelihood ratio {r:+.2}"),
-        };
-        lines.push(format!(
-            "  also possible: {:.3} rps about {} ({likelihood})",
-            a.spin.norm() / TAU,
-            axis_words(&a.spin),
-        ));
-    }
-    let more = summary.alternatives.len().saturating_sub(MAX_PRINTED);
-    if more > 0 {
-        lines.push(format!("  and {more} more"));
+    // Below the limit the line says all of them.
+    let is_said = |limit: f64| fit.motion.rps() <= limit;
+    if !summary.unique_up_to_rps.is_some_and(is_said) {
+        lines.extend(summary.alternatives.iter().take(MAX_PRINTED).map(|a| {
+            format!(
+                "  also possible: {:.3} rps about {}, odds {} against it",
+                a.spin.norm() / TAU,
+                axis_words(&a.spin),
+                odds(fit, a),
+            )
+        }));
+        let more = summary.alternatives.len().saturating_sub(MAX_PRINTED);
+        if more > 0 {
+            lines.push(format!("  and {more} more"));
+        }
     }
     lines
+}
+
+/// The odds against an alternative, where all decades of a spin are equally likely beforehand.
+fn odds(fit: &Fit, alternative: &Alternative) -> String {
+    let slower = alternative.spin.norm() / fit.motion.spin.norm();
+    match slower * (-alternative.log_likelihood_ratio).exp() {
+        odds if odds >= 1.0 => format!("{odds:.0} to 1"),
+        odds => format!("1 to {:.0}", odds.recip()),
+    }
 }
 
 /// Standard deviation of a fit's magnitude, rad/s.

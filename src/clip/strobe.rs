@@ -318,7 +318,11 @@ type FittedSpin = std::result::Result<(Fit, Vec<Alternative>), SpinRejection>;
 /// How many orientations of a pair may be right: both, unless no spin up to the limit leads from one to the other.
 fn agreeing(fit: &FittedSpin) -> usize {
     match fit {
-        Err(SpinRejection::NoConsensus { agreeing, .. }) => *agreeing,
+        Err(
+            SpinRejection::NoConsensus { agreeing, .. }
+            | SpinRejection::NotAtTheseTimes { agreeing, .. }
+            | SpinRejection::NoMotion { agreeing, .. },
+        ) => *agreeing,
         _ => 2,
     }
 }

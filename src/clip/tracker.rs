@@ -30,6 +30,7 @@ use super::sequence_view::SequenceView;
 use crate::error::{Error, Result, require};
 use crate::image::{ImageView, Roi};
 use crate::recognize::Hint;
+use crate::spin::clock::Clock;
 use crate::spin::robust::RobustEstimator;
 use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
@@ -95,6 +96,8 @@ pub struct TrackerState<'a> {
     /// The spin by the window's poses, or why there is none; without intrinsics in the view frame of the last of them. Its covariance counts the errors of
     /// drawn dots that the poses share ([`SharedError`]).
     pub spin: &'a std::result::Result<Fit, SpinRejection>,
+    /// What is wrong with the times of the window's frames, and mended for the spin.
+    pub clock: &'a Clock,
 }
 
 /// A pose of the window.
@@ -168,6 +171,7 @@ impl Tracker {
         TrackerState {
             frame: &self.frame,
             spin: &self.spin,
+            clock: self.fitter.clock(),
         }
     }
 

@@ -25,6 +25,7 @@ use nalgebra::Complex;
 
 use super::mixture::{Mixture, Noise, RatePrior};
 use super::motion::{ConstantSpin, axis_and_rate};
+use super::robust::ALIASES;
 use super::{Fit, MIN_FRAMES, Measurement};
 use crate::geometry::{Rotation, Vec3};
 
@@ -35,8 +36,14 @@ const NODES_PER_CYCLE: f64 = 8.0;
 /// 0.98.
 const MIN_WINDOW: f64 = 0.7;
 
-/// Frames times nodes of the scan, about; beyond it only the leading frames are used.
+/// Frames times nodes of the scan, about, of the leading frames; each of their peaks is then followed over the others.
+const LEADING_WORK: f64 = 2e3;
+/// As much for the fewest frames leaves more aliases than are worth a list.
 const MAX_WORK: f64 = 2e7;
+/// As many times as long is the part of the sequence that a peak is followed over next.
+const WIDENING: f64 = 4.0;
+/// A gap that makes it longer than this many times leaves more aliases than are worth a list: the frames before it are used.
+const MAX_GAP: f64 = 64.0;
 
 /// Settings of [`alternatives`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,8 +81,6 @@ pub struct Alternative {
 /// The spins about the same axis that explain `measurements` nearly as well as `fit`, likeliest
 /// first, of equals the slower first.
 ///
-/// Of very long sequences only the first frames are used (thousands at even times). Spins that
-/// these distinguish are no aliases, and the rest would need a spin more constant than any ball's.
 /// Where even three frames are so far apart that their aliases are beyond counting, none are
 /// listed.
 pub fn alternatives(
@@ -83,9 +88,6 @@ pub fn alternatives(
     fit: &Fit,
     options: &AliasConfig,
 ) -> Vec<Alternative> {
-    let Some(measurements) = affordable(measurements, options.max_rps) else {
-        return Vec::new();
-    };
     let mixture = Mixture {
         measurements,
         noise: Noise::known(fit.sigma_rad.unwrap_or(options.sigma_rad)),
@@ -97,13 +99,15 @@ pub fn alternatives(
     };
     let right = mixture.probabilities(&own);
     let (_, rate) = axis_and_rate(&own.motion.spin);
-    let window = Window::new(measurements, &right);
+    let mut window = Window::new();
+    window.load(measurements, |k| right[k] > 0.5);
     let limit = options.max_rps * std::f64::consts::TAU;
-    // Spins nearer than half a cycle over the whole sequence are one peak.
-    let apart = std::f64::consts::PI / window.duration;
+    // Spins nearer than that are one peak.
+    let apart = window.half_cycle();
     let mut found: Vec<Alternative> = Vec::new();
-    for delta in window.peaks(-limit - rate, limit - rate) {
-        let start = aliased(&own.motion, &window, delta);
+    window.scan(-limit - rate, limit - rate);
+    for &delta in &window.peaks {
+        let start = window.aliased(&own.motion, delta);
         let Ok(refined) = mixture.settle(start) else {
             continue;
         };
@@ -166,86 +170,141 @@ fn sort(alternatives: &mut [Alternative]) {
 /// The motion with the spin of an alias of `fit`, before it is refined.
 pub(super) fn alias_near(measurements: &[Measurement], fit: &Fit, spin: &Vec3) -> ConstantSpin {
     let (axis, rate) = axis_and_rate(&fit.motion.spin);
-    let window = Window::new(measurements, &vec![1.0; measurements.len()]);
-    aliased(&fit.motion, &window, axis.dot(spin) - rate)
+    let mut window = Window::new();
+    window.load(measurements, |_| true);
+    window.aliased(&fit.motion, axis.dot(spin) - rate)
 }
 
-/// The motion about the same axis, faster by `delta`, rad/s, that is nearest to it at the frames.
-fn aliased(own: &ConstantSpin, window: &Window, delta: f64) -> ConstantSpin {
-    let (axis, rate) = axis_and_rate(&own.spin);
-    let middle = own.rebased(window.center);
-    let phase = window.at(delta).arg();
-    ConstantSpin {
-        orientation: Rotation::from_scaled_axis(axis * -phase) * middle.orientation,
-        spin: axis * (rate + delta),
-        ..middle
-    }
-}
-
-/// The leading frames for which a scan to `max_rps` costs no more than [`MAX_WORK`]; none for fewer
-/// than three.
-fn affordable(measurements: &[Measurement], max_rps: f64) -> Option<&[Measurement]> {
-    let work = |n: usize| {
-        let duration = measurements[n - 1].time_s - measurements[0].time_s;
-        2.0 * max_rps * NODES_PER_CYCLE * duration * n as f64
-    };
-    let n = (MIN_FRAMES..=measurements.len())
-        .take_while(|n| work(*n) <= MAX_WORK)
-        .last()?;
-    Some(&measurements[..n])
-}
-
-/// The sampling's spectral window about its weighted mean time.
-struct Window {
-    /// Times from the center (s) and weights that sum to 1.
-    nodes: Vec<(f64, f64)>,
+/// The sampling's spectral window, and where it is high.
+#[derive(Debug, Clone)]
+pub(super) struct Window {
+    /// Times of the frames used, seconds, from their mean.
+    times: Vec<f64>,
     center: f64,
-    duration: f64,
+    /// Where the window is high, rad/s, in order.
+    pub peaks: Vec<f64>,
+    followed: Vec<f64>,
 }
 
 impl Window {
-    fn new(measurements: &[Measurement], right: &[f64]) -> Self {
-        let total: f64 = right.iter().sum();
-        let weighted = || measurements.iter().zip(right);
-        let center = weighted().map(|(m, p)| m.time_s * p).sum::<f64>() / total;
-        let used = || weighted().filter(|(_, p)| **p > 0.5).map(|(m, _)| m.time_s);
-        let first = used().fold(f64::INFINITY, f64::min);
-        let last = used().fold(f64::NEG_INFINITY, f64::max);
+    pub fn new() -> Self {
         Self {
-            nodes: weighted()
-                .map(|(m, p)| (m.time_s - center, p / total))
-                .collect(),
-            center,
-            duration: last - first,
+            times: Vec::new(),
+            center: 0.0,
+            peaks: Vec::with_capacity(ALIASES),
+            followed: Vec::with_capacity(ALIASES),
         }
     }
 
-    fn at(&self, delta: f64) -> Complex<f64> {
-        self.nodes
-            .iter()
-            .map(|(t, p)| Complex::from_polar(*p, delta * t))
-            .sum()
+    /// Takes the frames that are used.
+    pub fn load(&mut self, measurements: &[Measurement], is_used: impl Fn(usize) -> bool) {
+        self.times.clear();
+        // By the frames, not by those used: a sequence as long then needs no more.
+        self.times.reserve(measurements.len());
+        let numbered = measurements.iter().enumerate();
+        let used = numbered.filter(|(k, _)| is_used(*k)).map(|(_, m)| m.time_s);
+        self.times.extend(used);
+        self.center = self.times.iter().sum::<f64>() / self.times.len().max(1) as f64;
+        for t in &mut self.times {
+            *t -= self.center;
+        }
     }
 
-    /// Nodes of a scan from `low` to `high` (rad/s) where the window is high and higher than
-    /// beside.
-    fn peaks(&self, low: f64, high: f64) -> Vec<f64> {
-        let step = std::f64::consts::TAU / (NODES_PER_CYCLE * self.duration);
-        // No duration (fewer than two inliers): nothing can be compared.
+    /// The motion about the same axis, faster by `delta`, rad/s, that is nearest to it at the frames.
+    pub fn aliased(&self, own: &ConstantSpin, delta: f64) -> ConstantSpin {
+        let (axis, rate) = axis_and_rate(&own.spin);
+        let middle = own.rebased(self.center);
+        let phase = self.at(self.times.len(), delta).arg();
+        ConstantSpin {
+            orientation: Rotation::from_scaled_axis(axis * -phase) * middle.orientation,
+            spin: axis * (rate + delta),
+            ..middle
+        }
+    }
+
+    /// Finds all peaks from `low` to `high` (rad/s): on the leading frames node by node, then about each peak over more and
+    /// more of the others, which splits it or leaves it.
+    pub fn scan(&mut self, low: f64, high: f64) {
+        self.peaks.clear();
+        let work = |n: usize| (high - low) / self.step(n) * n as f64;
+        if self.times.len() < MIN_FRAMES || work(MIN_FRAMES) > MAX_WORK {
+            return;
+        }
+        let more = MIN_FRAMES..=self.times.len();
+        let leading = more.take_while(|n| work(*n) <= LEADING_WORK).last();
+        let mut n = leading.unwrap_or(MIN_FRAMES);
+        let mut step = self.step(n);
+        // No duration: nothing can be compared.
         if !(step.is_finite() && step > 0.0) {
-            return Vec::new();
+            return;
         }
+        self.followed.clear();
+        self.add_peaks(n, (low, high), step);
+        std::mem::swap(&mut self.peaks, &mut self.followed);
+        while n < self.times.len() {
+            let reach = WIDENING * self.duration(n);
+            let first = self.times[0];
+            let longer = self
+                .times
+                .partition_point(|t| t - first <= reach)
+                .max(n + 1);
+            if self.duration(longer) > MAX_GAP * self.duration(n) {
+                break;
+            }
+            let finer = self.step(longer);
+            self.followed.clear();
+            for i in 0..self.peaks.len() {
+                let near = (self.peaks[i] - step, self.peaks[i] + step);
+                self.add_peaks(longer, near, finer);
+            }
+            std::mem::swap(&mut self.peaks, &mut self.followed);
+            (n, step) = (longer, finer);
+        }
+    }
+
+    /// Adds the nodes of a scan where the window of the first `n` frames is high and higher than beside to those followed.
+    fn add_peaks(&mut self, n: usize, (low, high): (f64, f64), step: f64) {
         let (first, last) = ((low / step).floor() as i64, (high / step).ceil() as i64);
-        let height = |i: i64| self.at(i as f64 * step).norm();
+        let Self {
+            times, followed, ..
+        } = self;
+        let height = |i: i64| sampled(&times[..n], i as f64 * step).norm();
         let (mut before, mut here) = (height(first - 1), height(first));
-        let mut peaks = Vec::new();
         for i in first..=last {
             let after = height(i + 1);
-            if here >= MIN_WINDOW && here >= before && here > after {
-                peaks.push(i as f64 * step);
+            let node = i as f64 * step;
+            let is_new = followed.last().is_none_or(|last| node > *last);
+            if here >= MIN_WINDOW && here >= before && here > after && is_new {
+                followed.push(node);
             }
             (before, here) = (here, after);
         }
-        peaks
     }
+
+    fn at(&self, n: usize, delta: f64) -> Complex<f64> {
+        sampled(&self.times[..n], delta)
+    }
+
+    fn duration(&self, n: usize) -> f64 {
+        match n {
+            0 => 0.0,
+            _ => self.times[n - 1] - self.times[0],
+        }
+    }
+
+    /// Half a cycle over all frames, rad/s.
+    pub fn half_cycle(&self) -> f64 {
+        std::f64::consts::PI / self.duration(self.times.len())
+    }
+
+    /// Distance of the nodes for the first `n` frames, rad/s.
+    fn step(&self, n: usize) -> f64 {
+        std::f64::consts::TAU / (NODES_PER_CYCLE * self.duration(n))
+    }
+}
+
+/// The mean of a phase that grows by `delta`, rad/s.
+fn sampled(times_s: &[f64], delta: f64) -> Complex<f64> {
+    let terms = times_s.iter().map(|t| Complex::cis(delta * t));
+    terms.sum::<Complex<f64>>() / times_s.len() as f64
 }

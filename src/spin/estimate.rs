@@ -27,13 +27,15 @@
 use std::f64::consts::TAU;
 
 use super::alias::{AliasConfig, Alternative, SpinEvidence, alternatives, weigh};
+use super::belief::Belief;
+use super::clock::{Clock, examined};
 use super::decay::DecayFit;
 use super::evidence::fitted;
 use super::mixture::inlier_probability;
 use super::precession::PrecessionFit;
 use super::robust::{RobustEstimator, SpinConfig, TIE_MARGIN};
 use super::summary::SpinSummary;
-use super::{Fit, Measurement, SpinRejection};
+use super::{Fit, MIN_FRAMES, Measurement, SpinRejection, check};
 use crate::error::Error;
 use crate::geometry::{Rotation, Vec3};
 
@@ -173,7 +175,7 @@ impl<F> Rival<F> {
 }
 
 /// The spin of a sequence.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SpinEstimate {
     /// The motion that was taken.
     pub motion: FittedMotion,
@@ -183,6 +185,10 @@ pub struct SpinEstimate {
     pub decaying: Rival<DecayFit>,
     /// What was found of a precession.
     pub precessing: Rival<PrecessionFit>,
+    /// What was found wrong with the times, and mended: the motion is that with them mended.
+    pub clock: Clock,
+    /// The measurements with which it is, and their indices, where any was.
+    mended: Option<(Vec<Measurement>, Vec<usize>)>,
     /// Times of the first and the last orientation, seconds.
     span_s: [f64; 2],
     window: usize,
@@ -199,8 +205,7 @@ impl SpinEstimate {
         model: MotionModel,
         config: &SpinConfig,
     ) -> Result<Self, SpinRejection> {
-        let constant = RobustEstimator::new(*config).fit(measurements);
-        Self::beyond(constant, measurements, model, config)
+        Self::examined(measurements, model, config, None)
     }
 
     /// As [`Self::fit`], of the spins that the orientations leave open ([`alternatives`]) the one for which they and `evidence`
@@ -214,28 +219,62 @@ impl SpinEstimate {
         config: &SpinConfig,
         evidence: &dyn SpinEvidence,
     ) -> Result<Self, SpinRejection> {
-        let mut estimator = RobustEstimator::new(*config);
-        let mut constant = estimator.fit(measurements);
-        if let Ok(fit) = &constant {
-            let listed = AliasConfig {
-                max_rps: config.max_rps,
-                sigma_rad: config.sigma_rad,
-                ..AliasConfig::default()
+        Self::examined(measurements, model, config, Some(evidence))
+    }
+
+    /// The motion at the times that the clock has.
+    fn examined(
+        measurements: &[Measurement],
+        model: MotionModel,
+        config: &SpinConfig,
+        evidence: Option<&dyn SpinEvidence>,
+    ) -> Result<Self, SpinRejection> {
+        config.check()?;
+        check(measurements, MIN_FRAMES)?;
+        let (found, reading) = examined(measurements, config, |measurements, config, start| {
+            let mut estimator = RobustEstimator::new(*config);
+            let mut constant = estimator.fit_given(measurements, start).map(|(fit, _)| fit);
+            if let (Ok(fit), Some(evidence)) = (&mut constant, evidence) {
+                settle(&mut estimator, fit, measurements, evidence);
+            }
+            // About where scattered times leave a spin there is no other motion.
+            let model = if start.is_some() {
+                MotionModel::Constant
+            } else {
+                model
             };
-            let mut others = alternatives(measurements, fit, &listed);
-            let own = fit.motion.spin;
-            weigh(&mut others, &own, evidence, f64::NEG_INFINITY);
-            others.push(Alternative {
-                spin: own,
-                log_likelihood_ratio: 0.0,
-            });
-            let taken = slowest_likely(&others, config).filter(|spin| *spin != own);
-            if let Some(Ok(alias)) = taken.map(|spin| estimator.fit_alias(measurements, fit, &spin))
-            {
-                constant = Ok(alias);
+            let found = Self::beyond(constant, measurements, model, config)?;
+            let belief = found.belief(measurements, config);
+            Ok((found, belief))
+        });
+        let mut found = found?;
+        if let Some(reading) = reading {
+            found.clock = reading.clock;
+            found.mended = Some((reading.measurements, reading.kept));
+        }
+        Ok(found)
+    }
+
+    /// How far the motion is believed.
+    fn belief(&self, measurements: &[Measurement], config: &SpinConfig) -> Belief {
+        let sigma_rad = self
+            .at(self.span_s[0])
+            .sigma_rad
+            .unwrap_or(config.sigma_rad);
+        match &self.motion {
+            FittedMotion::Constant(fit) => Belief::of(measurements, &fit.motion, sigma_rad, config),
+            FittedMotion::Decaying(fit) => Belief::of(measurements, &fit.motion, sigma_rad, config),
+            FittedMotion::Precessing(fit) => {
+                Belief::of(measurements, &fit.motion, sigma_rad, config)
             }
         }
-        Self::beyond(constant, measurements, model, config)
+    }
+
+    /// The measurements whose motion it is, of those that were given: without what repeats, at mended times.
+    pub fn followed<'a>(&'a self, measurements: &'a [Measurement]) -> &'a [Measurement] {
+        self.mended
+            .as_ref()
+            .map_or(measurements, |(mended, _)| mended)
     }
 
     /// The motion, where the constant spin is known.
@@ -247,7 +286,7 @@ impl SpinEstimate {
     ) -> Result<Self, SpinRejection> {
         // What no motion can do anything about.
         if let Err(rejection) = &constant
-            && !matches!(rejection, SpinRejection::NoConsensus { .. })
+            && !rejection.is_no_spin()
         {
             return Err(*rejection);
         }
@@ -275,6 +314,8 @@ impl SpinEstimate {
             constant: constant.ok(),
             decaying,
             precessing,
+            clock: Clock::default(),
+            mended: None,
             span_s: span_s(measurements),
             window: config.window,
         })
@@ -287,6 +328,8 @@ impl SpinEstimate {
             constant: Some(fit),
             decaying: Rival::NotFitted,
             precessing: Rival::NotFitted,
+            clock: Clock::default(),
+            mended: None,
             span_s: span_s(measurements),
             window: measurements.len(),
         }
@@ -315,7 +358,15 @@ impl SpinEstimate {
             let variance = (sigma_rad * m.sigma_scale).powi(2);
             inlier_probability(m.confidence, angle * angle, variance)
         };
-        measurements.iter().map(one).collect()
+        let own = self.followed(measurements).iter().map(one);
+        let Some((_, kept)) = &self.mended else {
+            return own.collect();
+        };
+        let mut all = vec![0.0; measurements.len()];
+        for (k, p) in kept.iter().zip(own) {
+            all[*k] = p;
+        }
+        all
     }
 
     /// What the `measurements`, which come from `frames` frames, say of the spin at `time_s`.
@@ -327,6 +378,8 @@ impl SpinEstimate {
         frames: usize,
     ) -> SpinSummary {
         let fit = self.at(time_s);
+        let orientations = measurements.len();
+        let measurements = self.followed(measurements);
         let mut summary = match &self.motion {
             FittedMotion::Constant(_) => SpinSummary::new(measurements, &fit, config, frames),
             // A decaying spin has its aliases only while it is nearly constant.
@@ -344,20 +397,43 @@ impl SpinEstimate {
                 ..precession.summary(measurements, config, frames)
             },
         };
-        summary.orientations = measurements.len();
+        summary.orientations = orientations;
+        summary.clock = self.clock;
         summary.residual_rad =
             super::summary::residual_rad(measurements, fit.inliers, |t| self.motion.predict(t));
         summary
     }
 }
 
+/// Takes the alias of a spin for which the orientations and `evidence` speak together.
+fn settle(
+    estimator: &mut RobustEstimator,
+    fit: &mut Fit,
+    measurements: &[Measurement],
+    evidence: &dyn SpinEvidence,
+) {
+    let config = *estimator.config();
+    let listed = AliasConfig {
+        max_rps: config.max_rps,
+        sigma_rad: config.sigma_rad,
+        ..AliasConfig::default()
+    };
+    let mut others = alternatives(measurements, fit, &listed);
+    let own = fit.motion.spin;
+    weigh(&mut others, &own, evidence, f64::NEG_INFINITY);
+    others.push(Alternative {
+        spin: own,
+        log_likelihood_ratio: 0.0,
+    });
+    let taken = slowest_likely(&others, &config).filter(|spin| *spin != own);
+    if let Some(Ok(alias)) = taken.map(|spin| estimator.fit_alias(measurements, fit, &spin)) {
+        *fit = alias;
+    }
+}
+
 /// The slowest of the spins that are likely, by the prior of the magnitude, too.
 fn slowest_likely(all: &[Alternative], config: &SpinConfig) -> Option<Vec3> {
-    let worth = |a: &Alternative| {
-        let rps = a.spin.norm() / TAU;
-        let prior = config.prior.map_or(0.0, |prior| prior.log_density(rps));
-        a.log_likelihood_ratio + prior
-    };
+    let worth = |a: &Alternative| a.log_likelihood_ratio + config.ln_prior(a.spin.norm() / TAU);
     let top = all.iter().map(worth).fold(f64::NEG_INFINITY, f64::max);
     let likely = all.iter().filter(|a| worth(a) >= top - TIE_MARGIN);
     likely
@@ -377,7 +453,7 @@ fn precession_where_evident(
         return whole();
     }
     let part = &measurements[rest / 2..rest / 2 + SEARCHED];
-    let own = RobustEstimator::new(*config).fit(part).ok();
+    let own = RobustEstimator::new(*config).fit_part(part).ok();
     let found: PrecessionFit = fitted(part, own.as_ref(), config)?;
     if found.is_evident() {
         whole()

@@ -18,6 +18,7 @@
 //! explains (`spin::chance`, with the motions that can be distinguished as further hypotheses); no spin faster than
 //! permitted at either end. Not guaranteed: that no other motion explains the orientations better.
 
+use super::belief::Belief;
 use super::chance::expected_by_chance;
 use super::mixture::{Blocks, Mixture, RatePrior, Settled, Spread, duration, is_majority};
 use super::motion::{ConstantSpin, LocalFrame, Motion};
@@ -187,7 +188,7 @@ pub(super) fn compare<M: Richer<P>, const P: usize>(
 ) -> Result<Outcome<M, P>, SpinRejection> {
     config.check()?;
     check(measurements, M::needed(config))?;
-    let constant = RobustEstimator::new(*config).fit(measurements);
+    let constant = RobustEstimator::new(*config).fit_part(measurements);
     match fitted::<M, P>(measurements, constant.as_ref().ok(), config) {
         Some(fit) if fit.is_evident() => Ok(Outcome::Found {
             fit,
@@ -221,7 +222,7 @@ pub(super) fn fitted<M: Richer<P>, const P: usize>(
         &mixture,
         &best.settled,
         &probabilities,
-        config.shared.as_ref(),
+        config,
         &mut Vec::new(),
     )?;
     let gain =
@@ -257,7 +258,7 @@ fn most_likely<M: Richer<P>, const P: usize>(
     PLACES.iter().find_map(|place| {
         let from = (place * (measurements.len() - SECTION) as f64) as usize;
         let section = &measurements[from..from + SECTION];
-        let constant = RobustEstimator::new(*config).fit(section).ok();
+        let constant = RobustEstimator::new(*config).fit_part(section).ok();
         let constant = constant.as_ref().map(|fit| &fit.motion);
         let candidates = distinct(candidates::<M, P>(section, constant, config), section);
         let grown = candidates
@@ -323,7 +324,7 @@ fn grown_from_runs<M: Richer<P>, const P: usize>(
             }
             tried = from + 1;
             let run = &measurements[from..from + length];
-            let Ok(fit) = estimator.fit(run) else {
+            let Ok(fit) = estimator.fit_part(run) else {
                 continue;
             };
             starts.extend(grown_from_run(measurements, from, run, &fit, config));
@@ -414,6 +415,7 @@ impl<M: Richer<P>, const P: usize> Candidate<M, P> {
             && inliers >= MIN_FRAMES
             && is_majority(inliers, measurements)
             && chance <= config.false_alarms
+            && Belief::of(measurements, &motion, sigma_rad, config).holds()
     }
 }
 

@@ -103,6 +103,17 @@ impl Noise {
         (self.limited((squares / degrees).sqrt()), degrees)
     }
 
+    /// The noise after `support` inliers with these weighted squared errors across a circle.
+    pub fn of_circle(&self, support: f64, squares: f64) -> f64 {
+        if self.degrees.is_infinite() {
+            return self.sigma_rad;
+        }
+        // Two errors each, less the four numbers of the circle.
+        let degrees = self.degrees + (2.0 * support - 4.0).max(0.0);
+        let squares = self.degrees * self.sigma_rad.powi(2) + squares;
+        self.limited((squares / degrees).sqrt())
+    }
+
     /// The noise, no larger than is taken to be possible.
     fn limited(&self, sigma_rad: f64) -> f64 {
         sigma_rad.min(MAX_NOISE * self.sigma_rad)

@@ -27,6 +27,7 @@
 
 pub mod air;
 pub mod alias;
+pub mod clock;
 pub mod decay;
 pub mod estimate;
 pub mod evidence;
@@ -44,7 +45,10 @@ pub mod summary;
 pub mod trajectories;
 pub mod windows;
 
+mod angles;
+mod belief;
 mod chance;
+mod config;
 mod mixture;
 mod search;
 mod widening;
@@ -217,6 +221,30 @@ pub enum SpinRejection {
         /// Time since the one before, seconds.
         interval_s: f64,
     },
+    /// The orientations turn about one axis, but no motion leads to them at these times.
+    #[error(
+        "no spin: the {frames} orientations turn about one axis, but not steadily at these times (best: {agreeing} of them): frames are \
+         lost, repeated, out of order or wrongly timed, or the ball is pushed{}",
+        order_words(*in_order_rps)
+    )]
+    NotAtTheseTimes {
+        /// Orientations that agree with the best motion found.
+        agreeing: usize,
+        /// Orientations given.
+        frames: usize,
+        /// Revolutions per second of the steady turn that has these orientations in another order.
+        in_order_rps: Option<f64>,
+    },
+    /// The orientations that agree on a motion speak less for it than the others against it.
+    #[error(
+        "no spin: {agreeing} of the {frames} orientations agree on a motion, and the others speak more against it"
+    )]
+    NoMotion {
+        /// Orientations that agree with the best motion found.
+        agreeing: usize,
+        /// Orientations given.
+        frames: usize,
+    },
     /// Too few of the orientations agree on any one spin.
     #[error(
         "no spin up to {max_rps:.0} rps agrees with enough of the {frames} orientations (best: {agreeing})"
@@ -231,7 +259,22 @@ pub enum SpinRejection {
     },
 }
 
+/// What is said of another order that fits.
+fn order_words(in_order_rps: Option<f64>) -> String {
+    in_order_rps.map_or(String::new(), |rps| {
+        format!("; in another order they are those of {rps:.3} rps, one way or the other: are the frames named in their order?")
+    })
+}
+
 impl SpinRejection {
+    /// Whether the orientations are usable and have no spin, rather than the input being wrong.
+    pub fn is_no_spin(&self) -> bool {
+        matches!(
+            self,
+            Self::NoConsensus { .. } | Self::NotAtTheseTimes { .. } | Self::NoMotion { .. }
+        )
+    }
+
     /// The error to report where the measurements came from the file `path`.
     pub fn in_file(self, path: &std::path::Path) -> Error {
         match self {

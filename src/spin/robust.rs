@@ -6,20 +6,26 @@
 //! slowest.
 //!
 //! Guarantees: the same measurements give the same bits; no allocation once the estimator has seen
-//! a sequence as long; a spin is only reported where more frames agree on it than chance would
-//! explain. Not guaranteed: an answer for a spin that is not constant; the model assumes a constant
+//! a sequence as long, where nothing speaks against its times; a spin is only reported where more frames agree on it than chance would
+//! explain, and where the others do not speak more against it ([`super::belief`]). Not guaranteed: an answer for a spin that is not constant; the model assumes a constant
 //! one.
+
+use std::f64::consts::TAU;
 
 use nalgebra::Matrix3;
 
-use super::alias::alias_near;
+use super::alias::{Window, alias_near};
+use super::belief::Belief;
 use super::chance::expected_by_chance;
-use super::mixture::{Mixture, Noise, RatePrior, Settled, Spread};
+use super::clock::{Clock, examined};
+use super::config::SLOWEST_RPS;
+pub use super::config::{MagnitudePrior, SpinConfig};
+use super::mixture::{Mixture, RatePrior, Settled, Spread, inlier_probability};
 use super::motion::{ConstantSpin, LocalFrame, Motion};
 use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pair, pair_radius};
 use super::shared::{Part, SharedError};
 use super::widening::widened;
-use super::{Fit, MAX_TURNS, MIN_FRAMES, Measurement, SpinRejection, check, require};
+use super::{Fit, MAX_TURNS, MIN_FRAMES, Measurement, SpinRejection, check};
 use crate::geometry::Vec3;
 
 /// Pairs of frames are searched by the gap between them, up to this many frames gap by gap, then
@@ -36,6 +42,10 @@ const LONG: usize = 128;
 /// A constant spin of so many frames predicts as many after them to within their noise: `n` frames leave a
 /// standard deviation of `sqrt(28 / n)` of it at the far end.
 const PREDICTING: usize = 28;
+/// Aliases for which there is room from the beginning: as many as 350 rps have at ten frames per second.
+pub(super) const ALIASES: usize = 128;
+/// Steps in which an alias settles from where the fit's own maximum leads to: one at a tie.
+const ALIAS_STEPS: usize = 20;
 /// Steps in which the spin of the first frames becomes that of twice as many, where one holds: five as a rule.
 const EXTENDING_STEPS: usize = 12;
 /// Frames that serve as a pair's first with each gap, and pairs with the wide gaps together; long sequences
@@ -46,139 +56,18 @@ const MAX_WIDE_PAIRS: usize = 512;
 /// are the minimum that counts as evidence.
 pub(super) const TIE_MARGIN: f64 = 3.0;
 
-/// A prior of the spin's magnitude.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MagnitudePrior {
-    /// Expected magnitude, revolutions per second.
-    pub rps: f64,
-    /// Its standard deviation, revolutions per second.
-    pub std_rps: f64,
-}
-
-impl MagnitudePrior {
-    /// Log-density of a magnitude, up to a constant.
-    pub fn log_density(&self, rps: f64) -> f64 {
-        -0.5 * ((rps - self.rps) / self.std_rps).powi(2)
-    }
-}
-
-/// How spins are estimated: the settings of [`RobustEstimator`], [`fit_decay`](super::decay::fit_decay) and
-/// [`fit_precession`](super::precession::fit_precession).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SpinConfig {
-    /// Largest spin considered, revolutions per second.
-    pub max_rps: f64,
-    /// Noise of an orientation per axis, radians.
-    pub sigma_rad: f64,
-    /// Weight of `sigma_rad`, in degrees of freedom, when the noise is estimated from the
-    /// residuals; infinite: the noise is known and fixed.
-    pub sigma_degrees: f64,
-    /// An error that frames share, if there is one: it widens the covariance.
-    pub shared: Option<SharedError>,
-    /// Prior of the magnitude, if there is one.
-    pub prior: Option<MagnitudePrior>,
-    /// Expected number of spins with as much agreement by chance that is still accepted.
-    pub false_alarms: f64,
-    /// Orientations in a run whose spin is taken as constant, whatever the motion.
-    pub window: usize,
-    /// Largest rate of decay or growth considered, 1/s. Its prior is uniform within it.
-    pub max_decay_per_s: f64,
-    /// Expected relative difference of an uneven ball's moments of inertia: its standard deviation.
-    pub unevenness: f64,
-    /// Expected rate at which the spin of an uneven ball decays, 1/s: its standard deviation about none.
-    pub decay_sigma_per_s: f64,
-}
-
-impl Default for SpinConfig {
-    /// 175 revolutions per second (the paper's limit: half a turn a frame at 350 frames per second)
-    /// and 2 deg of noise (the paper's mean orientation error is 2.4 deg over all three axes), with
-    /// a weak weight: at half or twice that noise the residuals of ten frames dominate. Runs of ten
-    /// orientations: at 350 frames per second a spin loses less than 0.3 % in one. Decays up to 2 per
-    /// second, twenty times what air does to a table tennis ball; moments of inertia that differ by 5 %, with decays of
-    /// 0.2 per second.
-    fn default() -> Self {
-        Self {
-            max_rps: 175.0,
-            sigma_rad: 2f64.to_radians(),
-            sigma_degrees: 4.0,
-            shared: None,
-            prior: None,
-            false_alarms: 0.2,
-            window: 10,
-            max_decay_per_s: 2.0,
-            unevenness: 0.05,
-            decay_sigma_per_s: 0.2,
-        }
-    }
-}
-
-impl SpinConfig {
-    /// What is known of the noise.
-    pub(super) fn noise(&self) -> Noise {
-        Noise {
-            sigma_rad: self.sigma_rad,
-            degrees: self.sigma_degrees,
-        }
-    }
-
-    /// Checks the domains of all settings.
-    ///
-    /// # Errors
-    /// [`SpinRejection::Setting`] naming the first that is outside.
-    pub fn check(&self) -> Result<(), SpinRejection> {
-        let positive = |x: f64| x > 0.0 && x.is_finite();
-        let rps = self.max_rps;
-        require(positive(rps), "max_rps", "a positive number", rps)?;
-        // More noise than that is no orientation, and would allow any number of turns.
-        let sigma = self.sigma_rad;
-        let inside = sigma > 0.0 && sigma <= std::f64::consts::FRAC_PI_2;
-        let degrees = sigma.to_degrees();
-        require(
-            inside,
-            "sigma_rad",
-            "more than 0 and at most 90 deg",
-            degrees,
-        )?;
-        // Infinite is a meaning of its own.
-        let degrees = self.sigma_degrees;
-        require(degrees > 0.0, "sigma_degrees", "a positive number", degrees)?;
-        let alarms = self.false_alarms;
-        require(
-            positive(alarms),
-            "false_alarms",
-            "a positive number",
-            alarms,
-        )?;
-        let inside = self.window >= MIN_FRAMES;
-        require(inside, "window", "3 or more", self.window as f64)?;
-        for (setting, rate) in [
-            ("max_decay_per_s", self.max_decay_per_s),
-            ("decay_sigma_per_s", self.decay_sigma_per_s),
-        ] {
-            require(positive(rate), setting, "a positive number", rate)?;
-        }
-        let e = self.unevenness;
-        let expected = "more than 0 and at most 0.5";
-        require(e > 0.0 && e <= 0.5, "unevenness", expected, e)?;
-        let Some(prior) = self.prior else {
-            return Ok(());
-        };
-        let inside = prior.rps >= 0.0 && prior.rps.is_finite();
-        require(inside, "prior_rps", "0 or more", prior.rps)?;
-        let std = prior.std_rps;
-        require(positive(std), "prior_std_rps", "a positive number", std)
-    }
-}
-
 /// The robust estimator with its working memory.
 #[derive(Debug, Clone)]
 pub struct RobustEstimator {
     config: SpinConfig,
     seen: Vec<Seen>,
     shortlist: Shortlist,
+    window: Window,
+    aliases: Vec<Settled<ConstantSpin>>,
     probabilities: Vec<f64>,
     parts: Vec<Part<3>>,
     candidates: [Option<Settled<ConstantSpin>>; KEPT],
+    clock: Clock,
 }
 
 impl RobustEstimator {
@@ -188,9 +77,12 @@ impl RobustEstimator {
             config,
             seen: Vec::new(),
             shortlist: Shortlist::new(),
+            window: Window::new(),
+            aliases: Vec::with_capacity(ALIASES),
             probabilities: Vec::new(),
             parts: Vec::new(),
             candidates: [None; KEPT],
+            clock: Clock::default(),
         }
     }
 
@@ -209,14 +101,61 @@ impl RobustEstimator {
         &self.probabilities
     }
 
+    /// What was found wrong with the times of the last sequence, and mended: the spin is that with them mended.
+    pub fn clock(&self) -> &Clock {
+        &self.clock
+    }
+
     /// The spin of a sequence.
     ///
     /// # Errors
     /// A [`SpinRejection`] where the settings or the measurements are invalid, or the measurements
-    /// are too few or agree on nothing.
+    /// are too few or agree on nothing, or speak against the spin that some of them agree on.
     pub fn fit(&mut self, measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
         self.config.check()?;
         check(measurements, MIN_FRAMES)?;
+        let given = self.config;
+        let (found, reading) = examined(measurements, &given, |measurements, config, start| {
+            self.config = *config;
+            self.fit_given(measurements, start)
+        });
+        self.config = given;
+        self.clock = Clock::default();
+        if let Some(reading) = reading {
+            self.clock = reading.clock;
+            let mut all = vec![0.0; measurements.len()];
+            for (k, p) in reading.kept.iter().zip(&self.probabilities) {
+                all[*k] = *p;
+            }
+            self.probabilities = all;
+        }
+        found
+    }
+
+    /// The spin of a part of a sequence whose clock is examined as a whole.
+    ///
+    /// # Errors
+    /// As [`Self::fit`].
+    pub(super) fn fit_part(&mut self, measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
+        self.fit_given(measurements, None).map(|(fit, _)| fit)
+    }
+
+    /// The spin of a sequence whose times are right; that next to `start`, if one is given.
+    ///
+    /// # Errors
+    /// As [`Self::fit`].
+    pub(super) fn fit_given(
+        &mut self,
+        measurements: &[Measurement],
+        start: Option<&ConstantSpin>,
+    ) -> Result<(Fit, Belief), SpinRejection> {
+        self.config.check()?;
+        check(measurements, MIN_FRAMES)?;
+        if let Some(start) = start {
+            let settled = self.mixture(measurements).settle(*start).ok();
+            let rejected = self.no_consensus(0, measurements.len());
+            return self.finish(measurements, &settled.ok_or(rejected)?);
+        }
         self.check_spacing(measurements)?;
         let n = measurements.len();
         self.shortlist.clear();
@@ -237,6 +176,7 @@ impl RobustEstimator {
         let Some(best) = best else {
             return Err(self.no_consensus(0, n));
         };
+        let best = self.among_aliases(measurements, best);
         self.finish(measurements, &best)
     }
 
@@ -270,7 +210,8 @@ impl RobustEstimator {
         let settled = start
             .and_then(|start| mixture.settle_within(start, EXTENDING_STEPS).ok())
             .filter(|s| s.motion.rps() <= self.config.max_rps);
-        self.finish(measurements, &settled.ok_or(rejected)?)
+        let (fit, _) = self.finish(measurements, &settled.ok_or(rejected)?)?;
+        Ok(fit)
     }
 
     /// The spin of a sequence that is an alias of `fit`: the maximum of the likelihood next to `spin`.
@@ -289,7 +230,8 @@ impl RobustEstimator {
             .ok()
             .filter(|s| s.motion.rps() <= self.config.max_rps);
         let rejected = self.no_consensus(0, measurements.len());
-        self.finish(measurements, &settled.ok_or(rejected)?)
+        let (fit, _) = self.finish(measurements, &settled.ok_or(rejected)?)?;
+        Ok(fit)
     }
 
     /// The likelihood of a sequence.
@@ -328,7 +270,9 @@ impl RobustEstimator {
     fn search(&mut self, measurements: &[Measurement], gaps: std::ops::RangeInclusive<usize>) {
         let settings = SearchConfig {
             sigma_rad: self.config.sigma_rad,
-            max_spin: self.config.max_rps * std::f64::consts::TAU,
+            max_spin: self.config.max_rps * TAU,
+            slowest: SLOWEST_RPS * TAU,
+            is_slower_likelier: self.config.prior.is_none(),
         };
         let max_starts = MAX_STARTS.min(MAX_WIDE_PAIRS / gaps.clone().count());
         for gap in gaps {
@@ -392,16 +336,58 @@ impl RobustEstimator {
 
     /// The likeliest candidate; of those as likely, the slowest.
     fn choose(&self) -> Option<Settled<ConstantSpin>> {
-        let worth = |r: &Settled<ConstantSpin>| {
-            let prior = self.config.prior;
-            r.log_likelihood + prior.map_or(0.0, |p| p.log_density(r.motion.rps()))
-        };
-        let found = || self.candidates.iter().flatten();
-        let top = found().map(worth).fold(f64::NEG_INFINITY, f64::max);
-        found()
-            .filter(|r| worth(r) >= top - TIE_MARGIN)
+        self.slowest_likely(self.candidates.iter().flatten())
+    }
+
+    /// The slowest of those that odds of 20 to 1 do not decide between.
+    fn slowest_likely<'a>(
+        &self,
+        all: impl IntoIterator<Item = &'a Settled<ConstantSpin>> + Clone,
+    ) -> Option<Settled<ConstantSpin>> {
+        let worths = all.clone().into_iter().map(|s| self.worth(s));
+        let top = worths.fold(f64::NEG_INFINITY, f64::max);
+        all.into_iter()
+            .filter(|s| self.worth(s) >= top - TIE_MARGIN)
             .min_by(|a, b| a.motion.rps().total_cmp(&b.motion.rps()))
             .copied()
+    }
+
+    /// Log-posterior of a candidate, up to a constant.
+    fn worth(&self, candidate: &Settled<ConstantSpin>) -> f64 {
+        candidate.log_likelihood + self.config.ln_prior(candidate.motion.rps())
+    }
+
+    /// Of a spin and all its aliases that the prior may prefer to it the slowest of the likeliest.
+    fn among_aliases(
+        &mut self,
+        measurements: &[Measurement],
+        best: Settled<ConstantSpin>,
+    ) -> Settled<ConstantSpin> {
+        let mixture = self.mixture(measurements);
+        self.probabilities.clear();
+        let jacobian = best.motion.jacobian();
+        self.probabilities.extend(measurements.iter().map(|m| {
+            let variance = (best.sigma_rad * m.sigma_scale).powi(2);
+            inlier_probability(m.confidence, jacobian(m).0.norm_squared(), variance)
+        }));
+        let is_inlier = |k: usize| self.probabilities[k] > 0.5;
+        self.window.load(measurements, is_inlier);
+        let rate = best.motion.spin.norm();
+        let limit = self.config.max_rps * TAU;
+        match self.config.prior {
+            // Nearer than half a cycle over the sequence it is the same peak.
+            None => self.window.scan(-2.0 * rate, -self.window.half_cycle()),
+            Some(_) => self.window.scan(-limit - rate, limit - rate),
+        }
+        self.aliases.clear();
+        self.aliases.push(best);
+        for delta in &self.window.peaks {
+            let start = self.window.aliased(&best.motion, *delta);
+            let settled = mixture.settle_within(start, ALIAS_STEPS).ok();
+            let permitted = settled.filter(|s| s.motion.rps() <= self.config.max_rps);
+            self.aliases.extend(permitted);
+        }
+        self.slowest_likely(&self.aliases).unwrap_or(best)
     }
 
     /// Reference time, covariance, and the last doubts.
@@ -409,25 +395,30 @@ impl RobustEstimator {
         &mut self,
         measurements: &[Measurement],
         best: &Settled<ConstantSpin>,
-    ) -> Result<Fit, SpinRejection> {
+    ) -> Result<(Fit, Belief), SpinRejection> {
         let inliers = best.inliers;
         let chance = expected_by_chance(measurements, inliers, best.sigma_rad, self.config.max_rps);
         if inliers < MIN_FRAMES || chance > self.config.false_alarms {
             return Err(self.no_consensus(inliers, measurements.len()));
+        }
+        let belief = Belief::of(measurements, &best.motion, best.sigma_rad, &self.config);
+        if !belief.holds() {
+            return Err(belief.rejection(inliers, measurements.len()));
         }
         let at_first = Settled {
             motion: best.motion.rebased(measurements[0].time_s),
             ..*best
         };
         let known = self.covariance(measurements, &at_first);
-        Ok(Fit {
+        let fit = Fit {
             motion: at_first.motion,
             spin_covariance: known.map(|(covariance, _)| covariance),
             sigma_rad: Some(best.sigma_rad),
             log_likelihood: Some(best.log_likelihood),
             inliers,
             lack_of_fit: known.and_then(|(_, lack_of_fit)| lack_of_fit),
-        })
+        };
+        Ok((fit, belief))
     }
 
     /// Covariance of the spin, and the lack of fit; leaves the probabilities that the frames are inliers in place.
@@ -451,7 +442,7 @@ impl RobustEstimator {
             &mixture,
             best,
             &self.probabilities,
-            self.config.shared.as_ref(),
+            &self.config,
             &mut self.parts,
         )?;
         let basis = best.motion.local_frame().basis;

@@ -11,6 +11,9 @@
 //! sum_k max(0, ln( p N(e_k; 0, v_k I) / ((1-p) / 8 pi^2) )),   v_k = sigma^2 (1 + (1-u)^2 + u^2)
 //! ```
 //!
+//! to which comes the logarithm of how much likelier the spin is beforehand than the fastest (all decades equally likely): of
+//! many aliases those kept are the slowest, whose axes a pair knows best.
+//!
 //! (the volume of SO(3) in rotation vectors near the identity is 8 pi^2). Unlike a count of inliers
 //! it discounts the easy agreement of an imprecise hypothesis.
 
@@ -41,7 +44,7 @@ pub(super) struct Hypothesis {
     pub pair: (usize, usize),
     /// Spin, camera frame, rad/s.
     pub spin: Vec3,
-    /// Log-likelihood ratio, summed over the other frames.
+    /// Log-likelihood ratio, summed over the other frames, with the prior.
     pub score: f64,
     /// Share of the frames within reach that agree, each by what its agreement is worth.
     pub share: f64,
@@ -158,6 +161,20 @@ pub(super) struct SearchConfig {
     pub sigma_rad: f64,
     /// Largest spin, rad/s.
     pub max_spin: f64,
+    /// Slower spins are as likely as this one, rad/s.
+    pub slowest: f64,
+    /// Whether all decades are equally likely, or the magnitude has another prior.
+    pub is_slower_likelier: bool,
+}
+
+impl SearchConfig {
+    /// Logarithm of how much likelier a spin is beforehand than the fastest.
+    fn prior_gain(&self, rate: f64) -> f64 {
+        match self.is_slower_likelier {
+            true => (self.max_spin / rate.abs().max(self.slowest)).ln().max(0.0),
+            false => 0.0,
+        }
+    }
 }
 
 /// One frame as a hypothesis' pair sees it: `cos(x/2) a + sin(x/2) b` is the cosine of half the
@@ -193,7 +210,8 @@ pub(super) fn judge_pair(
     for k in -(fewest.floor() as i64)..=(most.floor() as i64) {
         let rate = (phi + TAU * k as f64) / interval;
         let hopeless = shortlist.hopeless_score();
-        let (mut score, mut agreed, mut left) = (0.0, 0.0, max_gain);
+        let slower = settings.prior_gain(rate);
+        let (mut score, mut agreed, mut left) = (slower, 0.0, max_gain);
         for s in seen.iter() {
             if score + left < hopeless {
                 break;
@@ -207,6 +225,9 @@ pub(super) fn judge_pair(
                 score += gain;
                 agreed += s.peak;
             }
+        }
+        if agreed == 0.0 {
+            continue;
         }
         let hypothesis = Hypothesis {
             pair,

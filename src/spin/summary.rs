@@ -14,6 +14,7 @@ use std::f64::consts::TAU;
 use nalgebra::Complex;
 
 use super::alias::{AliasConfig, Alternative, SpinEvidence, alternatives, weigh};
+use super::clock::Clock;
 use super::{Fit, Measurement};
 use crate::geometry::Rotation;
 
@@ -42,6 +43,8 @@ pub struct SpinSummary {
     pub frames: usize,
     /// Those with an orientation.
     pub orientations: usize,
+    /// What was found wrong with the times, and mended.
+    pub clock: Clock,
 }
 
 impl SpinSummary {
@@ -61,6 +64,7 @@ impl SpinSummary {
             residual_rad: residual_rad(measurements, fit.inliers, |t| fit.motion.at(t)),
             frames,
             orientations: measurements.len(),
+            clock: Clock::default(),
         }
     }
 
@@ -141,7 +145,8 @@ pub fn unique_up_to_rps(times_s: &[f64], sigma_rad: f64, max_rps: f64) -> Option
             }
             let peak = 0.5 * (low + high);
             if 1.0 - window(peak) <= lost {
-                return Some(0.5 * peak / TAU).filter(|rps| *rps < max_rps);
+                // The search for the peak ends at rounding.
+                return Some(0.5 * peak / TAU).filter(|rps| *rps < max_rps * (1.0 + 1e-6));
             }
         }
         (before, here) = (here, after);

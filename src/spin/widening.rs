@@ -20,7 +20,8 @@ use nalgebra::{Matrix3, SMatrix};
 use super::Measurement;
 use super::mixture::{Blocks, Mixture, Normal, Settled, inlier_probability};
 use super::motion::Motion;
-use super::shared::{Part, SharedError, shared_covariance};
+use super::robust::SpinConfig;
+use super::shared::{Part, shared_covariance};
 
 /// Most parts; fewer ones are made by joining neighbors.
 const PARTS: usize = 16;
@@ -97,13 +98,17 @@ pub(super) fn widened<M: Motion<P>, const P: usize>(
     mixture: &Mixture<'_, P>,
     at: &Settled<M>,
     probabilities: &[f64],
-    shared: Option<&SharedError>,
+    config: &SpinConfig,
     parts: &mut Vec<Part<P>>,
 ) -> Option<(Blocks<P>, Option<f64>)> {
     let measurements = mixture.measurements;
     let lack_of_fit = lack_of_fit(measurements, &at.motion, at.sigma_rad);
     let mut widened = covariance.scaled(lack_of_fit.unwrap_or(1.0));
-    let Some(shared) = shared else {
+    // A clock that is off by a share makes the spin longer or shorter by as much; the axis is the frame's last.
+    let off = config.clock_rate_std * at.motion.local_frame().rate;
+    let clock = off * off;
+    let Some(shared) = &config.shared else {
+        widened.rates[(2, 2)] += clock;
         return Some((widened, lack_of_fit));
     };
     let added = shared_covariance(
@@ -126,6 +131,7 @@ pub(super) fn widened<M: Motion<P>, const P: usize>(
     let turning = basis.transpose() * shared.turn_rate_covariance * basis;
     let mut spin = widened.rates.fixed_view_mut::<3, 3>(0, 0);
     spin += turning;
+    spin[(2, 2)] += clock;
     Some((widened, lack_of_fit))
 }
 

@@ -43,7 +43,7 @@ pub fn spin_over_time(
     let starts = (0..last).step_by((length / 2).max(1)).chain([last]);
     let fit = |start: usize| {
         let run = &measurements[start..start + length];
-        let fit = estimator.fit(run).ok()?;
+        let fit = estimator.fit_part(run).ok()?;
         let time_s = run.iter().map(|m| m.time_s).sum::<f64>() / length as f64;
         Some(WindowFit { time_s, fit })
     };
@@ -80,7 +80,7 @@ pub fn constant_stretches(
             let orientations = from..(from + length).min(measurements.len());
             let part = &measurements[orientations.clone()];
             let fit = match &held {
-                None => estimator.fit(part),
+                None => estimator.fit_part(part),
                 Some(held) => estimator.extend(part, held.orientations.len(), &held.fit),
             };
             let Ok(fit) = fit else {

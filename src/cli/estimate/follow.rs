@@ -135,6 +135,9 @@ fn line(
         Ok(fit) => {
             let turned = fit.turned(&shown_in.turn());
             json["spin"] = crate::cli::spin_summary::fit_json(&turned, shown_in);
+            if !state.clock.is_right() {
+                json["spin"]["clock"] = json!(state.clock.words());
+            }
         }
         Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),
     }

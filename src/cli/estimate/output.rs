@@ -8,7 +8,6 @@ use serde_json::{Value, json};
 use super::verdict::Judgment;
 use super::{Arguments, Picture};
 use crate::cli::motion::Motion;
-use crate::cli::spin_summary::LISTED_BEYOND;
 use crate::cli::{inputs, spin_summary};
 use crate::clip::batch::{Batch, BatchFrame, SequenceOutcome};
 use crate::clip::orientations;
@@ -105,7 +104,7 @@ fn spin(
         ..SpinConfig::default()
     });
     let listed = AliasConfig {
-        max_rps: LISTED_BEYOND * arguments.max_spin_rps(),
+        max_rps: arguments.max_spin_rps(),
         sigma_rad: config.sigma_rad,
         ..AliasConfig::default()
     };

@@ -32,6 +32,7 @@ mod smear;
 mod smear_clips;
 mod spin_coverage;
 mod spin_decay;
+mod spin_lies;
 mod spin_motion;
 mod spin_rates;
 mod stencils;
@@ -96,6 +97,8 @@ enum Command {
     SpinRates(spin_rates::Args),
     /// Coverage of the interval of a spin's decay.
     SpinDecay(spin_decay::Args),
+    /// True clips and clips whose times lie: which spins are believed.
+    SpinLies(spin_lies::Args),
     /// How often the motion of a spin is the right one.
     SpinMotion(spin_motion::Args),
     /// Patterns on the same rendered frames of one camera.
@@ -161,6 +164,7 @@ fn main() -> Outcome {
         Command::SpinCoverage(args) => args.run(),
         Command::SpinRates(args) => args.run(),
         Command::SpinDecay(args) => args.run(),
+        Command::SpinLies(args) => args.run(),
         Command::SpinMotion(args) => args.run(),
         Command::CameraFamily(args) => args.run(),
         Command::CameraRace(args) => args.run(),

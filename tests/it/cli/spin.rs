@@ -179,9 +179,13 @@ fn json_has_the_contract_s_fields() {
     file.rows[4].orientation = None;
     let dir = tempfile::tempdir().unwrap();
     let path = write(dir.path(), "good.csv", &file.to_csv());
-    let output = run(&["spin", path.to_str().unwrap(), "--json"]);
-    assert!(output.status.success());
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let answer = |flags: &[&str]| -> serde_json::Value {
+        let arguments = [&["spin", path.to_str().unwrap(), "--json"], flags].concat();
+        let output = run(&arguments);
+        assert!(output.status.success());
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let json = answer(&[]);
     let vector = |key: &str| {
         let v = json[key].as_array().unwrap();
         Vec3::from_iterator(v.iter().map(|x| x.as_f64().unwrap()))
@@ -197,7 +201,10 @@ fn json_has_the_contract_s_fields() {
     assert_eq!(json["frames"], 10);
     assert_eq!(json["orientations"], 9);
     assert_eq!(json["inliers"], 9);
+    // None above the largest spin that is considered.
+    assert_eq!(json["alternatives"], serde_json::json!([]));
     // Even times at 350 fps: about the same axis, 350 rps less is the only other spin below 350 rps.
+    let json = answer(&["--max-spin-rps", "350"]);
     let alternatives = json["alternatives"].as_array().unwrap();
     assert_eq!(alternatives.len(), 1, "{alternatives:?}");
     let other = alternatives[0]["rps"].as_f64().unwrap();
@@ -514,4 +521,39 @@ fn a_view_frame_that_turns_widens_the_covariance_of_the_spin() {
         words.contains("cov_xx to cov_zz") && words.contains("line 2"),
         "{words}"
     );
+}
+
+#[test]
+fn a_slow_ball_before_a_slow_camera_is_slow() {
+    // 0.6 rps about an axis askew, 20 frames per second, by the definition of a rotation; 0.4 deg off now one way, now the other.
+    let mut text = "time_s,qw,qx,qy,qz\n".to_owned();
+    for k in 0..32 {
+        let half = 0.5 * std::f64::consts::TAU * 0.6 * f64::from(k) / 20.0;
+        let half = half + 0.5 * [0.4f64, -0.4, -0.4, 0.4][k as usize % 4].to_radians();
+        let (sin, cos) = half.sin_cos();
+        let time_s = f64::from(k) / 20.0;
+        text += &format!("{time_s:.6},{cos},{},0,{}\n", 0.6 * sin, 0.8 * sin);
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let path = write(dir.path(), "slow.csv", &text);
+    let path = path.to_str().unwrap();
+    let words = String::from_utf8(run(&["spin", path]).stdout).unwrap();
+    assert!(words.starts_with("0.600 +-"), "{words}");
+    let line = "unique    up to 10.00 rps at these times; a faster ball would show aliases every 20.00 rps";
+    assert!(words.contains(line), "{words}");
+    assert!(!words.contains("also possible"), "{words}");
+    let json = run(&["spin", path, "--json", "--max-spin-rps", "50"]).stdout;
+    let json: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    let rps = |a: &serde_json::Value| a["rps"].as_f64().unwrap();
+    let mut listed: Vec<f64> = json["alternatives"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(rps)
+        .collect();
+    listed.sort_by(f64::total_cmp);
+    assert_eq!(listed.len(), 4, "{listed:?}");
+    for (found, expected) in listed.iter().zip([19.4, 20.6, 39.4, 40.6]) {
+        assert!((found - expected).abs() < 0.01, "{listed:?}");
+    }
 }

@@ -2,10 +2,13 @@
 
 use std::f64::consts::TAU;
 
-use spindoe::geometry::Vec3;
+use nalgebra::Quaternion;
+use rand::RngExt;
+use rayon::prelude::*;
+use spindoe::geometry::{Rotation, Vec3, random_direction, random_rotation};
 use spindoe::spin::alias::{AliasConfig, Alternative, SpinEvidence, alternatives};
 use spindoe::spin::estimate::{MotionModel, SpinEstimate};
-use spindoe::spin::robust::{RobustEstimator, SpinConfig};
+use spindoe::spin::robust::{RobustEstimator, SpinConfig, standard_deviations};
 use spindoe::spin::simulate::{Scenario, Sequence, stream};
 use spindoe::spin::{Fit, Measurement};
 use spindoe::validate::Proportion;
@@ -120,6 +123,44 @@ fn uneven_times_resolve_it() {
     }
     let rate = Proportion::new(right, count);
     assert!(rate.low > 0.98, "{rate}");
+}
+
+/// A rotation about a unit axis, by its definition.
+fn about(axis: &Vec3, angle: f64) -> Rotation {
+    let (sin, cos) = (0.5 * angle).sin_cos();
+    Rotation::new_unchecked(Quaternion::from_parts(cos, axis * sin))
+}
+
+#[test]
+fn of_equals_the_slowest_is_taken_at_any_frame_rate() {
+    let rates = [
+        10.0, 15.0, 20.0, 24.0, 25.0, 29.97, 30.0, 60.0, 120.0, 240.0,
+    ];
+    let wrong = rates.into_par_iter().flat_map_iter(|fps| {
+        (0..100).filter_map(move |i| {
+            let rng = &mut stream(68, i);
+            let fastest = f64::min(5.0, 0.49 * fps);
+            let rps = (0.1 * (fastest / 0.1).powf(rng.random())) as f64;
+            let (axis, start) = (random_direction(rng), random_rotation(rng));
+            let frames = 10 + (290.0 * rng.random::<f64>().powi(3)) as usize;
+            let measurements: Vec<Measurement> = (0..frames)
+                .map(|k| {
+                    // In microseconds, as a file has them.
+                    let time_s = (1e6 * k as f64 / fps).round() * 1e-6;
+                    let off = about(&random_direction(rng), 0.7f64.to_radians());
+                    let orientation = off * about(&axis, TAU * rps * time_s) * start;
+                    Measurement::new(time_s, orientation)
+                })
+                .collect();
+            let fit = RobustEstimator::new(SpinConfig::default()).fit(&measurements);
+            let fit = fit.expect("a spin");
+            let error = fit.motion.spin - axis * (TAU * rps);
+            let std = standard_deviations(&fit.spin_covariance.expect("a covariance")).norm();
+            let is_right = error.norm() < 4.0 * std;
+            (!is_right).then(|| format!("{fps} fps, {rps} rps: {}", fit.motion.rps()))
+        })
+    });
+    assert_eq!(wrong.collect::<Vec<_>>(), Vec::<String>::new());
 }
 
 #[test]

@@ -3,8 +3,10 @@
 mod aliases;
 mod allocation;
 mod bound;
+mod clock;
 mod decay;
 mod estimators;
+mod lies;
 mod long;
 mod motion;
 mod precession;

@@ -1,0 +1,297 @@
+//! The clock of a sequence, examined: what is wrong with its times is said, and mended where the orientations say how.
+//!
+//! | what is wrong | how it shows | what is done |
+//! |---|---|---|
+//! | images that repeat the one before | equal orientations among others that differ | they are left out |
+//! | times on a coarse grid | even times, rounded: no other explains all steps | the even times are taken; their rate has the error that rounding leaves |
+//! | frames lost or added, the others numbered on | steps of the turn that are whole multiples of one | the times are moved by whole intervals |
+//! | times that scatter | angles that scatter about a steady turn, more the faster it is | the orientations have that error along the turn |
+//! | a wrong order | the angles are those of an even turn, in another order | it is said; there is no spin |
+//!
+//! The first two are looked for beforehand. The others are readings of a sequence whose orientations turn about one axis but
+//! follow no motion at the given times ([`super::belief`]): the angles on their circle are then compared with each reading's, and
+//! one that explains them better than random angles do, by more than its free numbers may, is tried. Whatever it leads to must
+//! be believed on its own.
+//!
+//! Not guaranteed: that a reading which fits is right. Frames that lose every second one, evenly, are a slower camera's.
+
+use super::angles::Angles;
+use super::belief::Belief;
+use super::motion::ConstantSpin;
+use super::robust::SpinConfig;
+use super::{MIN_FRAMES, Measurement, SpinRejection};
+
+/// Images are equal where their orientations differ by less, radians (a file of six decimals rounds to 1e-6) ...
+const EQUAL_RAD: f64 = 1e-5;
+/// ... and the median of the other steps by more: noise of a hundredth of a degree.
+const DIFFERENT_RAD: f64 = 1e-4;
+/// Grids that times are rounded to, seconds.
+const GRIDS_S: [f64; 3] = [1e-2, 1e-3, 1e-4];
+/// Even times are off their rounded ones by half a grid, and a fit of them by a little more.
+const MAX_ROUNDED: f64 = 0.6;
+/// Off by less in the mean square, times are even as they are.
+const MIN_ROUNDED: f64 = 0.05;
+/// Times that show whether they are rounded.
+const MIN_ROUNDED_TIMES: usize = 8;
+/// Along the turn the orientations are off by so many times as much as across it where the times are in doubt though a motion
+/// holds: of noise that is the same in all directions ten frames are so once in a hundred thousand times.
+const LOPSIDED: f64 = 3.0;
+/// Readings that differ by less do not decide.
+pub(super) const TIE: f64 = 3.0;
+
+/// What was found wrong with the times of a sequence, and mended.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Clock {
+    /// Images that repeat the one before, left out.
+    pub repeated: usize,
+    /// The grid that even times are rounded to, seconds.
+    pub grid_s: Option<f64>,
+    /// Steps that are longer or shorter than the times say, by whole intervals.
+    pub slipped: usize,
+    /// Standard deviation by which times are off, seconds.
+    pub scatter_s: Option<f64>,
+}
+
+impl Clock {
+    /// Whether nothing was found.
+    pub fn is_right(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// What was found, one line each.
+    pub fn words(&self) -> Vec<String> {
+        let mut words = Vec::new();
+        if self.repeated > 0 {
+            words.push(format!(
+                "{} of the images repeat the one before: they are left out, and the times of the others kept",
+                self.repeated
+            ));
+        }
+        if let Some(grid_s) = self.grid_s {
+            words.push(format!(
+                "the times are even ones rounded to {grid_s} s: the even ones are taken, and their error counted"
+            ));
+        }
+        if self.slipped > 0 {
+            words.push(format!(
+                "at {} steps the ball turns a whole multiple of the others, or not at all: frames are lost or repeated there \
+                 though the times go on, and the spin is that with the times moved by whole intervals",
+                self.slipped
+            ));
+        }
+        if let Some(scatter_s) = self.scatter_s {
+            words.push(format!(
+                "the orientations lead or lag a steady turn as if the times were off by {:.2} ms; the deviations count it",
+                1e3 * scatter_s
+            ));
+        }
+        words
+    }
+}
+
+/// A sequence with the times that are taken.
+#[derive(Debug, Clone)]
+pub(super) struct Reading {
+    pub clock: Clock,
+    pub measurements: Vec<Measurement>,
+    /// The index of each among those given.
+    pub kept: Vec<usize>,
+    /// The settings that go with it.
+    pub config: SpinConfig,
+    /// Where a fit starts, if that is known.
+    pub start: Option<ConstantSpin>,
+    /// Logarithm of the probability of so many changes beforehand.
+    pub ln_prior: f64,
+}
+
+/// Fits a sequence as it is given, or as its clock says that it must be read; what was read stands beside the answer. `fit` says
+/// how far its answer is believed.
+pub(super) fn examined<T>(
+    measurements: &[Measurement],
+    config: &SpinConfig,
+    mut fit: impl FnMut(
+        &[Measurement],
+        &SpinConfig,
+        Option<&ConstantSpin>,
+    ) -> Result<(T, Belief), SpinRejection>,
+) -> (Result<T, SpinRejection>, Option<Reading>) {
+    let mended = mended(measurements, config);
+    let (taken, settings) = match &mended {
+        Some(reading) => (&reading.measurements[..], &reading.config),
+        None => (measurements, config),
+    };
+    let found = fit(taken, settings, None);
+    let needed = match &found {
+        Ok((_, belief)) if belief.along_over_across > LOPSIDED => Some(belief.gain() + TIE),
+        Err(SpinRejection::NotAtTheseTimes { .. }) => Some(f64::NEG_INFINITY),
+        _ => None,
+    };
+    let found = found.map(|(found, _)| found);
+    let in_doubt = needed.and_then(|needed| Some((needed, Angles::of(taken, settings)?)));
+    let Some((needed, angles)) = in_doubt else {
+        return (found, mended);
+    };
+    let as_given = || match &mended {
+        Some(reading) => reading.clone(),
+        None => Reading {
+            clock: Clock::default(),
+            measurements: measurements.to_vec(),
+            kept: (0..measurements.len()).collect(),
+            config: *config,
+            start: None,
+            ln_prior: 0.0,
+        },
+    };
+    for reading in [angles.slipped(as_given()), angles.scattered(as_given())] {
+        let Some(reading) = reading else {
+            continue;
+        };
+        let again = fit(
+            &reading.measurements,
+            &reading.config,
+            reading.start.as_ref(),
+        );
+        if let Ok((again, belief)) = again
+            && belief.gain() + reading.ln_prior > needed
+        {
+            return (Ok(again), Some(reading));
+        }
+    }
+    let Err(SpinRejection::NotAtTheseTimes {
+        agreeing, frames, ..
+    }) = found
+    else {
+        return (found, mended);
+    };
+    let in_order_rps = angles.in_order_rps();
+    let rejection = SpinRejection::NotAtTheseTimes {
+        agreeing,
+        frames,
+        in_order_rps,
+    };
+    (Err(rejection), mended)
+}
+
+/// A sequence without repeated images and with even times where they are rounded; `None` where nothing is to be mended.
+fn mended(measurements: &[Measurement], config: &SpinConfig) -> Option<Reading> {
+    let repeated = repeated(measurements);
+    let mut reading = match repeated {
+        Some(is_repeated) => {
+            let kept: Vec<usize> = (0..measurements.len())
+                .filter(|k| !is_repeated[*k])
+                .collect();
+            Reading {
+                clock: Clock {
+                    repeated: measurements.len() - kept.len(),
+                    ..Clock::default()
+                },
+                measurements: kept.iter().map(|k| measurements[*k]).collect(),
+                kept,
+                config: *config,
+                start: None,
+                ln_prior: 0.0,
+            }
+        }
+        None if rounding(measurements).is_some() => Reading {
+            clock: Clock::default(),
+            measurements: measurements.to_vec(),
+            kept: (0..measurements.len()).collect(),
+            config: *config,
+            start: None,
+            ln_prior: 0.0,
+        },
+        None => return None,
+    };
+    if let Some(rounding) = rounding(&reading.measurements) {
+        reading.clock.grid_s = Some(rounding.grid_s);
+        reading.config.clock_rate_std = rounding.rate_std;
+        for (m, time_s) in reading.measurements.iter_mut().zip(rounding.times_s) {
+            m.time_s = time_s;
+        }
+    }
+    Some(reading)
+}
+
+/// Which images repeat the one before; `None` where none does, or the ball is at rest.
+fn repeated(measurements: &[Measurement]) -> Option<Vec<bool>> {
+    let step = |w: &[Measurement]| w[0].orientation.angle_to(&w[1].orientation);
+    let steps = || measurements.windows(2).map(step);
+    if !steps().any(|step| step < EQUAL_RAD) {
+        return None;
+    }
+    let mut others: Vec<f64> = steps().filter(|step| *step >= EQUAL_RAD).collect();
+    let is_at_rest =
+        others.len() + 1 < MIN_FRAMES || crate::stats::median(&mut others) < DIFFERENT_RAD;
+    (!is_at_rest).then(|| {
+        std::iter::once(false)
+            .chain(steps().map(|s| s < EQUAL_RAD))
+            .collect()
+    })
+}
+
+/// Even times that were rounded.
+struct Rounding {
+    grid_s: f64,
+    times_s: Vec<f64>,
+    /// Relative deviation of the rate that the rounded ones leave.
+    rate_std: f64,
+}
+
+/// The even times of which these are rounded; `None` where they are even already, or no even ones are.
+fn rounding(measurements: &[Measurement]) -> Option<Rounding> {
+    if measurements.len() < MIN_ROUNDED_TIMES {
+        return None;
+    }
+    let times = || measurements.iter().map(|m| m.time_s);
+    let is_on = |grid: &f64| times().all(|t| (t / grid - (t / grid).round()).abs() < 1e-3);
+    let grid_s = GRIDS_S.into_iter().find(is_on)?;
+    let (counts, interval) = lattice(measurements, 0.5)?;
+    let n = measurements.len() as f64;
+    let middle = counts.iter().sum::<i64>() as f64 / n;
+    let mean = times().sum::<f64>() / n;
+    let off = |k: &i64| *k as f64 - middle;
+    let square: f64 = counts.iter().map(|k| off(k).powi(2)).sum();
+    let product: f64 = counts
+        .iter()
+        .zip(times())
+        .map(|(k, t)| off(k) * (t - mean))
+        .sum();
+    let slope = product / square;
+    let even = |k: &i64| mean + slope * off(k);
+    let errors = || {
+        counts
+            .iter()
+            .zip(times())
+            .map(|(k, t)| (t - even(k)) / grid_s)
+    };
+    let largest = errors().map(f64::abs).fold(0.0, f64::max);
+    let rms = (errors().map(|e| e * e).sum::<f64>() / n).sqrt();
+    let is_rounded = largest < MAX_ROUNDED && rms > MIN_ROUNDED && grid_s < interval;
+    is_rounded.then(|| Rounding {
+        grid_s,
+        times_s: counts.iter().map(even).collect(),
+        rate_std: grid_s / (12.0 * square).sqrt() / slope,
+    })
+}
+
+/// Counts of the interval that the times are multiples of, but for this share of it each; and that interval.
+pub(super) fn lattice(measurements: &[Measurement], off: f64) -> Option<(Vec<i64>, f64)> {
+    let steps = || measurements.windows(2).map(|w| w[1].time_s - w[0].time_s);
+    let mut interval = crate::stats::median(&mut steps().collect::<Vec<_>>());
+    let duration: f64 = steps().sum();
+    // The shortest steps are one interval: a median of steps that are mostly longer is not.
+    interval = interval.min(1.5 * steps().fold(f64::INFINITY, f64::min));
+    for _ in 0..4 {
+        let total: f64 = steps().map(|s| (s / interval).round().max(1.0)).sum();
+        interval = duration / total;
+    }
+    let mut counts = vec![0];
+    for step in steps() {
+        let count = (step / interval).round();
+        if (step / interval - count).abs() > off || count < 1.0 || count > 1e6 {
+            return None;
+        }
+        counts.push(counts[counts.len() - 1] + count as i64);
+    }
+    Some((counts, interval))
+}
