@@ -48,7 +48,7 @@ pub use detector::{DetectorName, NamedDetector};
 pub use estimator::{
     Budget, Estimator, EstimatorConfig, FrameEstimate, FrameRejection, OutlinePrior, Pose, Prior,
 };
-pub use intrinsics::Intrinsics;
+pub use intrinsics::{Calibration, Intrinsics};
 pub use lens::Lens;
 pub use net::CnnDetector;
 pub use off_center::OffCenter;
