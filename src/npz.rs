@@ -241,6 +241,31 @@ pub(crate) fn read_array<T: Deserialize + Copy>(
     Ok(items)
 }
 
+/// Items of an array that counts as small, and small arrays of an archive, at most.
+const MAX_SMALL: u64 = 64;
+
+/// The small arrays of numbers of any archive, flat, with their names; the others without their items.
+pub(crate) fn small_arrays(bytes: &[u8]) -> Checked<Vec<(String, Vec<f64>)>> {
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| {
+        let problem = format!("not a complete .npz file: {}", one_line(&e));
+        Problem::at("archive", problem)
+    })?;
+    let files = archive.file_names_raw().map(String::from_utf8_lossy);
+    let names =
+        files.filter_map(|file| npyz::npz::array_name_from_file_name(&file).map(str::to_owned));
+    let names: Vec<String> = names.take(MAX_SMALL as usize).collect();
+    let arrays = names.into_iter().map(|name| {
+        let items = [&[None][..], &[None, None]].into_iter().find_map(|shape| {
+            let mut array = ArrayReader::<f64>::open(&mut archive, &name, "f8", shape).ok()?;
+            let is_small = array.left + array.block.len() as u64 <= MAX_SMALL;
+            is_small.then(|| array.remaining().ok()).flatten()
+        });
+        let items = items.unwrap_or_default();
+        (name, items)
+    });
+    Ok(arrays.collect())
+}
+
 fn cannot_be_unpacked(name: &str, error: &std::io::Error) -> Problem {
     Problem::at(name, format!("cannot be unpacked: {}", one_line(error)))
 }

@@ -8,6 +8,7 @@
 //!   data", Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any
 //!   trial differs,
 //! - [`median`] and [`quantile`] of a sample, [`biweight`] against its outliers,
+//! - [`sign_test`], whether one of two passes more of the trials that only one passes,
 //! - [`normal_cdf`], the distribution function of the standard normal distribution.
 //!
 //! Intervals have their nominal coverage for independent trials only.
@@ -199,9 +200,32 @@ pub fn biweight(over_reach: f64) -> f64 {
     (1.0 - over_reach * over_reach).max(0.0).powi(2)
 }
 
+/// The probability that of trials which only one of two passes, where chance alone decides which, the other passes
+/// no more than `others` while the one passes `own` (the sign test; of paired rates McNemar's, exact).
+pub fn sign_test(own: u64, others: u64) -> f64 {
+    let n = (own + others) as f64;
+    let ln_choose =
+        |k: f64| libm::lgamma(n + 1.0) - libm::lgamma(k + 1.0) - libm::lgamma(n - k + 1.0);
+    let terms = (0..=others).map(|k| (ln_choose(k as f64) - n * std::f64::consts::LN_2).exp());
+    terms.sum::<f64>().min(1.0)
+}
+
 /// `P(N(0, 1) <= x)`.
 pub fn normal_cdf(x: f64) -> f64 {
     0.5 * libm::erfc(-x / std::f64::consts::SQRT_2)
+}
+
+/// The `z` that a standard normal number exceeds, up or down, with the probability `error`.
+pub(crate) fn normal_reach(error: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 40.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        match 2.0 * normal_cdf(-middle) > error {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    high
 }
 
 /// `P(N(0, 1) <= x)` to 1e-7, and the density at `x`, faster than the one alone to the last digit (M. Abramowitz, I. Stegun, "Handbook of
@@ -232,6 +256,14 @@ pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     sorted[below] + (at - at.floor()) * (sorted[above] - sorted[below])
 }
 
+/// The median of values in ascending order; NaN for none.
+pub(crate) fn median_or_nan(sorted: &[f64]) -> f64 {
+    match sorted {
+        [] => f64::NAN,
+        _ => quantile(sorted, 0.5),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -245,6 +277,22 @@ mod tests {
         // The rule of three, in Wilson's form: z^2 / (n + z^2).
         let z2 = Z95 * Z95;
         assert!((Proportion::new(0, 100).high - z2 / (100.0 + z2)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_sign_test_counts_coins() {
+        // Of 5 coins at most 1 shows heads in 6 of 32 throws; of 10 none in one of 1024.
+        assert!((sign_test(4, 1) - 6.0 / 32.0).abs() < 1e-12);
+        assert!((sign_test(10, 0) - 1.0 / 1024.0).abs() < 1e-12);
+        assert_eq!(sign_test(0, 0), 1.0);
+        assert!((sign_test(3, 7) + sign_test(6, 4) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_reach_is_that_of_the_usual_tables() {
+        assert!((normal_reach(0.05) - Z95).abs() < 1e-12);
+        // scipy.stats.norm.isf(0.05 / 8)
+        assert!((normal_reach(0.05 / 4.0) - 2.497_705_474_412_373).abs() < 1e-9);
     }
 
     #[test]

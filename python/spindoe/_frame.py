@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import operator
 import os
+import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -29,6 +31,14 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
+def _size(name: str, given: tuple[int, int]) -> tuple[int, int]:
+    """Columns and rows of an image."""
+    width, height = (operator.index(side) for side in given)
+    if width < 1 or height < 1:
+        raise ValueError(f"{name}: expected columns and rows of an image, found {given!r}")
+    return width, height
+
+
 @dataclass(frozen=True, slots=True, init=False)
 class Camera:
     """What is known of the camera. Pixels: u right, v down, (0, 0) the center of the top-left one.
@@ -40,18 +50,28 @@ class Camera:
         matrix: The intrinsic matrix, rows ``fx s cx``, ``0 fy cy``, ``0 0 1``.
         distortion: OpenCV's coefficients: k1, k2, p1, p2[, k3[, k4, k5, k6[, s1, s2, s3, s4]]]; of a fisheye k1 to k4.
         fisheye: Whether they are those of OpenCV's ``fisheye`` module, ROS' ``equidistant``.
+        size: Columns and rows of the images that the matrix is of, where they are known: images of another size are then
+            refused, and `for_image` scales it to them.
     """
 
     kind: Literal["unknown", "parallel", "distance", "pinhole", "fisheye"]
     numbers: tuple[float, ...]
     """Of intrinsics fx, fy, cx, cy, skew, and the distortion."""
+    size: tuple[int, int] | None
+    """Columns and rows of the images that the intrinsics are of, where they are known."""
 
     def __init__(
-        self, matrix: ArrayLike | None = None, distortion: ArrayLike | None = None, *, fisheye: bool = False
+        self,
+        matrix: ArrayLike | None = None,
+        distortion: ArrayLike | None = None,
+        *,
+        fisheye: bool = False,
+        size: tuple[int, int] | None = None,
     ) -> None:
         if matrix is None:
-            if distortion is not None:
-                raise ValueError("distortion: expected the matrix with it")
+            for name, given in (("distortion", distortion), ("size", size)):
+                if given is not None:
+                    raise ValueError(f"{name}: expected the matrix with it")
             self._set("unknown", (0.07, 0.05))
             return
         k = floats("matrix", matrix)
@@ -62,16 +82,17 @@ class Camera:
         else:
             coefficients = [0.0] * 4 if fisheye else []
         kind, numbers = _native.intrinsics_of(k.tolist(), coefficients, fisheye)
-        self._set(kind, tuple(numbers))
+        self._set(kind, tuple(numbers), None if size is None else _size("size", size))
 
-    def _set(self, kind: str, numbers: tuple[float, ...]) -> None:
+    def _set(self, kind: str, numbers: tuple[float, ...], size: tuple[int, int] | None = None) -> None:
         object.__setattr__(self, "kind", kind)
         object.__setattr__(self, "numbers", numbers)
+        object.__setattr__(self, "size", size)
 
     @classmethod
-    def _of(cls, kind: str, *numbers: float) -> Camera:
+    def _of(cls, kind: str, *numbers: float, size: tuple[int, int] | None = None) -> Camera:
         camera = cls.__new__(cls)
-        camera._set(kind, tuple(float(x) for x in numbers))
+        camera._set(kind, tuple(float(x) for x in numbers), size)
         return camera
 
     @classmethod
@@ -102,9 +123,42 @@ class Camera:
 
     @classmethod
     def read(cls, path: PathLike) -> Camera:
-        """The intrinsics of a file: OpenCV's YAML or JSON, or ROS' camera_info."""
-        kind, numbers = _native.read_intrinsics(os.fspath(path))
-        return cls._of(kind, *numbers)
+        """The intrinsics of a file: of OpenCV (YAML, JSON, XML, NPZ), ROS (camera_info), Kalibr, EuRoC, VINS, ORB-SLAM or COLMAP
+        (cameras.txt), with the size of their images where the file says it. ``FILE:NAME`` is one of several cameras, as in
+        ``stereo.yml:left``. A key that is not understood is named by a warning."""
+        kind, numbers, size, notes = _native.read_intrinsics(os.fspath(path))
+        for note in notes:
+            warnings.warn(f"{path}: {note}", stacklevel=2)
+        return cls._of(kind, *numbers, size=size)
+
+    def for_image(self, width: int, height: int) -> Camera:
+        """The camera of images of this size, to which the intrinsics are scaled.
+
+        Raises:
+            ValueError: Where the size that they are of is not known, or has another aspect.
+        """
+        wanted = _size("width, height", (width, height))
+        if self.size is None:
+            raise ValueError("size: expected that of the images which the matrix is of: Camera(K, dist, size=(w, h))")
+        across, down = wanted[0] / self.size[0], wanted[1] / self.size[1]
+        # Within a pixel of rounding.
+        if abs(across - down) * max(self.size) > max(1.0, across):
+            raise ValueError(f"width, height: expected the aspect of {self.size}, found {wanted}")
+        fx, fy, cx, cy, skew, *lens = self.numbers
+        cx, cy = across * (cx + 0.5) - 0.5, down * (cy + 0.5) - 0.5
+        return Camera._of(self.kind, across * fx, down * fy, cx, cy, across * skew, *lens, size=wanted)
+
+    def _check(self, name: str, image: Any) -> None:
+        """Refuses an image of another size than that of the intrinsics."""
+        shape = getattr(image, "shape", None)
+        if self.size is None or not shape or len(shape) < 2:
+            return
+        height, width = shape[:2]
+        if (width, height) != self.size:
+            raise ValueError(
+                f"{name}: expected {self.size[0]} x {self.size[1]} pixels, which the camera's intrinsics are of, found "
+                f"{width} x {height}: camera.for_image({width}, {height}) scales them"
+            )
 
     @property
     def has_intrinsics(self) -> bool:

@@ -145,9 +145,12 @@ class Estimator:
             ValueError: For another type or shape. What is seen, or not, is no error: see
                 `FrameEstimate.pose`.
         """
+        taken, order = pixels("image", image, color)
+        self.camera._check("image", taken)
         return frame_of(
             self._handle.estimate(
-                *pixels("image", image, color),
+                taken,
+                order,
                 None if circle is None else triple("circle", circle),
                 None if hint is None else hint._given(),
             )
@@ -380,7 +383,9 @@ class Tracker:
             circle: The ball's outline, where it is known.
         """
         given = None if circle is None else triple("circle", circle)
-        frame, spin = self._handle.update(*pixels("image", image, color), float(time_s), given)
+        taken, order = pixels("image", image, color)
+        self.estimator.camera._check("image", taken)
+        frame, spin = self._handle.update(taken, order, float(time_s), given)
         return TrackerState(float(time_s), frame_of(frame), spin_of(spin))
 
     def reset(self) -> None:

@@ -26,8 +26,8 @@ use spindoe::vision::estimator::EstimatorWorkspace;
 use spindoe::vision::frame::{CameraDistance, CameraModel};
 use spindoe::vision::net::Weights;
 use spindoe::vision::{
-    BallCircle, Budget, Camera, CnnDetector, DetectorName, DotDetector, EstimatorConfig,
-    FrameEstimate, Intrinsics, Lens, OutlinePrior, Pixel, Prior,
+    BallCircle, Budget, Calibration, Camera, CnnDetector, DetectorName, DotDetector,
+    EstimatorConfig, FrameEstimate, Intrinsics, Lens, OutlinePrior, Pixel, Prior,
 };
 use spindoe::{DotUncertainty, Vec3};
 
@@ -89,10 +89,16 @@ fn packed(k: &Intrinsics) -> (&'static str, Vec<f64>) {
     (kind, numbers)
 }
 
-/// The intrinsics of a file, by kind and numbers.
+/// Kind, numbers, columns and rows, and what is to be known of the file.
+type ReadIntrinsics = (&'static str, Vec<f64>, Option<(usize, usize)>, Vec<String>);
+
+/// The intrinsics of a file, by kind and numbers, with the size of their images.
 #[pyfunction]
-pub fn read_intrinsics(path: std::path::PathBuf) -> PyResult<(&'static str, Vec<f64>)> {
-    Ok(packed(&Intrinsics::read(&path).or_raise()?))
+pub fn read_intrinsics(path: std::path::PathBuf) -> PyResult<ReadIntrinsics> {
+    let read = Calibration::read(&path).or_raise()?;
+    let (kind, numbers) = packed(&read.intrinsics);
+    let size = read.size.map(|[w, h]| (w as usize, h as usize));
+    Ok((kind, numbers, size, read.notes))
 }
 
 /// Those of a matrix, by rows, and OpenCV's distortion.

@@ -24,10 +24,11 @@ fn config(
     settings: &str,
 ) -> PyResult<StencilConfig> {
     let [ball_diameter_mm, hole_diameter_mm] = table.0.sizes_mm(ball_diameter_mm, hole_diameter_mm);
+    let usual = StencilConfig::for_ball(ball_diameter_mm);
     Ok(StencilConfig {
         ball_diameter_mm,
         hole_diameter_mm,
-        ..overlay(&StencilConfig::default(), settings)?
+        ..overlay(&usual, settings)?
     })
 }
 

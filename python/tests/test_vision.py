@@ -283,6 +283,16 @@ def test_cameras(table, clip):
         found = spindoe.Estimator(table, camera=camera).estimate(image, color="rgb")
         assert found.pose and _off(found.pose, truth) < 8.0
         assert (found.pose.distance is not None) == (camera.kind != "pinhole")
+    sized = spindoe.Camera(matrix, size=(image.shape[1], image.shape[0]))
+    assert spindoe.Estimator(table, camera=sized).estimate(image, color="rgb").pose
+    small = sized.for_image(image.shape[1] * 2, image.shape[0] * 2)
+    assert small.numbers[0] == pytest.approx(2 * k[0]) and small.numbers[2] == pytest.approx(2 * k[2] + 0.5)
+    with pytest.raises(ValueError, match="for_image"):
+        spindoe.Estimator(table, camera=small).estimate(image, color="rgb")
+    with pytest.raises(ValueError, match="aspect"):
+        sized.for_image(image.shape[1] * 2, image.shape[0])
+    with pytest.raises(ValueError, match="size"):
+        cameras[0].for_image(640, 480)
     for bad in (spindoe.Camera.at_distance(0.5), spindoe.Camera.pinhole(-1, 1, 0, 0)):
         with pytest.raises(ValueError):
             spindoe.Estimator(table, camera=bad)

@@ -29,9 +29,9 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::Vec3;
 use crate::npz::{Archive, ArrayReader, Checked, Problem, add_array, one_line, open, read_array};
-#[cfg(feature = "native")]
-use crate::pattern::shipped_design;
 use crate::pattern::{DesignRecord, KeepOut, LENGTH_ROUNDING, MAX_DOTS, MIN_DOTS, Pattern};
+#[cfg(feature = "native")]
+use crate::pattern::{shipped_design, shipped_designs};
 
 /// Version of the file format of a ball whose dots are where the pattern has them.
 pub const FORMAT_VERSION: u32 = 1;
@@ -171,29 +171,39 @@ impl Ball {
     }
 
     /// Reads a ball from its `.npz`, from a pattern's CSV with what stands beside it, or from a folder
-    /// that holds either as `table.npz` or `pattern.csv`, as those of designs and calibrations do. Where there is no such file, the
+    /// that holds either as `table.npz` or `pattern.csv`, as those of designs and calibrations do. Where there is neither, the
     /// name of a [shipped design](crate::pattern::shipped_designs) will do.
     ///
     /// # Errors
     /// As [`Ball::read_npz`] and [`Pattern::read_csv`].
     #[cfg(feature = "native")]
     pub fn read(path: &Path) -> Result<Self> {
-        if path.is_dir() {
-            let files = ["table.npz", "pattern.csv"].map(|name| path.join(name));
-            return match files.iter().find(|file| file.exists()) {
-                Some(file) => Self::read(file),
-                None => Err(Error::input(
-                    path,
-                    "folder",
-                    "expected one with table.npz or pattern.csv",
-                )),
-            };
+        let files = ["table.npz", "pattern.csv"].map(|name| path.join(name));
+        if let Some(file) = files.iter().find(|file| file.exists()) {
+            return Self::read(file);
         }
-        if !path.exists()
+        let is_folder = path.is_dir();
+        if (is_folder || !path.exists())
             && let Some(shipped) = path.to_str().and_then(shipped_design)
         {
             let shipped = shipped?;
             return Self::new(shipped.pattern).with_design(shipped.design);
+        }
+        if is_folder {
+            let problem = "expected one with table.npz or pattern.csv";
+            return Err(Error::input(path, "folder", problem));
+        }
+        let is_word = path.extension().is_none() && path.components().count() == 1;
+        if is_word && !path.exists() {
+            let names: Vec<String> = shipped_designs()?
+                .into_iter()
+                .map(|shipped| shipped.name)
+                .collect();
+            let problem = format!(
+                "expected a file, a folder, or a shipped design: {}",
+                names.join(", ")
+            );
+            return Err(Error::input(path, "pattern", problem));
         }
         let bytes = files::read_at_most(path, files::MAX_ARCHIVE_BYTES)?;
         // A NumPy archive starts with "PK", as every ZIP does.

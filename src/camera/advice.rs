@@ -1,12 +1,16 @@
 //! Advice for a camera: which of several patterns, and which change of the camera would help most.
 //!
-//! The patterns race (see [`super::race`]); those that stay to the end are also tried on sequences. Then
-//! the camera is changed in one property at a time for the best of them.
+//! The patterns race (see [`super::race`]), and are measured on frames that the race has not seen; those that
+//! stay to the end are also tried on sequences. Then the camera is changed in one property at a time for the
+//! best of them. What other patterns and changes are worth is the ratio of their error to the best one's on
+//! the same scenes, with its interval: what holds 1 is not decided.
+
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
 use super::conditions::{CameraConditions, Surroundings};
-use super::frames::FrameRates;
+use super::frames::{ErrorRatio, FrameOutcome, FrameRates};
 use super::racing::{RaceConfig, RaceResult, Racer, race_patterns};
 use super::sequences::SpinRates;
 use super::trials::CameraTrials;
@@ -45,10 +49,7 @@ impl DotSize {
             Self::Stated => return Ok(conditions.dot_diameter),
             Self::LargestHole { ball_mm } | Self::Designed { ball_mm } => ball_mm,
         };
-        let config = StencilConfig {
-            ball_diameter_mm: ball_mm,
-            ..StencilConfig::default()
-        };
+        let config = StencilConfig::for_ball(ball_mm);
         config.validate()?;
         let hole = Stencil::largest_hole_mm(pattern, &config);
         Ok(hole.map_or(conditions.dot_diameter, |mm| (mm / ball_mm).min(MAX_DOT)))
@@ -69,14 +70,13 @@ impl DotSize {
 /// From how much the advice is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdviceConfig {
-    /// Frames of the race.
+    /// Frames of the race and of what is measured after it; a change of the camera is tried on those on which the
+    /// best pattern is measured.
     pub race: RaceConfig,
     /// Sequences for a pattern that stays to the end. Default: 24.
     pub sequences: u64,
     /// Frames of a sequence. Default: 10.
     pub sequence_frames: usize,
-    /// Frames for a change of the camera. Default: 512.
-    pub change_frames: u64,
     /// Default: as stated.
     pub dot_size: DotSize,
     /// Diameter of the ball, mm: larger dots are proposed as far as its stencil leaves room. Default: 40.
@@ -89,7 +89,6 @@ impl Default for AdviceConfig {
             race: RaceConfig::default(),
             sequences: 24,
             sequence_frames: 10,
-            change_frames: 512,
             dot_size: DotSize::Stated,
             ball_mm: 40.0,
         }
@@ -105,9 +104,13 @@ pub struct PatternAdvice {
     pub dots: usize,
     /// Their diameter over that of the ball.
     pub dot_diameter: f64,
-    /// Single frames.
+    /// Whether it left the race, being clearly worse than the best.
+    pub left: bool,
+    /// Single frames, which the race has not seen.
     pub frames: FrameRates,
-    /// Sequences; none for a pattern that is clearly worse than the best.
+    /// Its error over that of the first pattern on the same scenes; none for the first, and where there are too few right answers.
+    pub error_ratio: Option<ErrorRatio>,
+    /// Sequences; none for a pattern that left the race.
     pub spin: Option<SpinRates>,
 }
 
@@ -116,8 +119,18 @@ pub struct PatternAdvice {
 pub struct ChangeAdvice {
     /// The change in words.
     pub change: String,
-    /// Single frames.
+    /// Single frames, the scenes of [`PatternAdvice::frames`] of the best pattern.
     pub frames: FrameRates,
+    /// The error over that without the change on the same scenes; none where there are too few right answers. The
+    /// intervals of all changes hold at once in 95 %.
+    pub error_ratio: Option<ErrorRatio>,
+}
+
+impl ChangeAdvice {
+    /// Whether the change makes the error smaller, beyond what chance does.
+    pub fn helps(&self) -> bool {
+        self.error_ratio.is_some_and(|ratio| ratio.is_smaller())
+    }
 }
 
 /// Advice for a camera.
@@ -136,9 +149,9 @@ pub struct Advice {
 impl AdviceConfig {
     /// Number of frames that [`advise`] reads for so many patterns, or is spared.
     pub fn frames(&self, patterns: usize, conditions: &CameraConditions) -> u64 {
-        let single = self.race.max_frames + self.sequences * self.sequence_frames as u64;
+        let single = self.race.frames() + self.sequences * self.sequence_frames as u64;
         patterns as u64 * single
-            + changes_of(conditions, f64::INFINITY).len() as u64 * self.change_frames
+            + changes_of(conditions, f64::INFINITY).len() as u64 * self.race.max_frames
     }
 }
 
@@ -161,24 +174,31 @@ pub fn advise(
         })
     });
     let racers = racers.collect::<Result<Vec<_>>>()?;
-    let standings = race_patterns(trials, &racers, &config.race, done)?;
-    let ranked = standings.iter().map(|standing| {
-        let racer = &racers[standing.entry];
+    let never = AtomicBool::new(false);
+    let results = race_patterns(trials, &racers, &config.race, &never, done)?;
+    // A race without racers is an error: there is a first.
+    let best = &results[0];
+    let ranked = results.iter().map(|result| {
+        let racer = &racers[result.entry];
+        let is_other = result.entry != best.entry;
+        // The fewer frames of one that left are the first of the best one's.
+        let ratio = || ErrorRatio::of(best.first(&result.outcomes), &result.outcomes, 1);
         Ok(PatternAdvice {
-            name: patterns[standing.entry].name.clone(),
+            name: patterns[result.entry].name.clone(),
             dots: racer.pattern.len(),
             dot_diameter: racer.dot_diameter,
-            frames: FrameRates::of(&standing.outcomes, trials.seed),
-            spin: spin_of(trials, racer, standing, config, done)?,
+            left: result.left,
+            frames: FrameRates::of(&result.outcomes, trials.seed),
+            error_ratio: is_other.then(ratio).flatten(),
+            spin: spin_of(trials, racer, result, config, done)?,
         })
     });
     let ranked = ranked.collect::<Result<Vec<_>>>()?;
-    // A race without racers is an error: there is a first.
-    let best = &racers[standings[0].entry];
+    let changes = changes(trials, &racers[best.entry], &best.outcomes, config, done)?;
     Ok(Advice {
         conditions: *conditions,
         patterns: ranked,
-        changes: changes(trials, best, config, done)?,
+        changes,
         unique_up_to_rps: 0.5 * conditions.fps,
     })
 }
@@ -186,7 +206,7 @@ pub fn advise(
 fn spin_of(
     trials: &CameraTrials,
     racer: &Racer<'_>,
-    standing: &RaceResult,
+    result: &RaceResult,
     config: &AdviceConfig,
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<Option<SpinRates>> {
@@ -195,7 +215,7 @@ fn spin_of(
         sequence_frames,
         ..
     } = *config;
-    if standing.left {
+    if result.left {
         done(sequences * sequence_frames as u64);
         return Ok(None);
     }
@@ -204,29 +224,31 @@ fn spin_of(
     Ok(Some(spins))
 }
 
-/// What each change of the camera gives of a pattern, the smallest effective error first.
+/// What each change of the camera gives of a pattern with these outcomes without it, the smallest effective error first.
 fn changes(
     trials: &CameraTrials,
     racer: &Racer<'_>,
+    unchanged: &[FrameOutcome],
     config: &AdviceConfig,
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<Vec<ChangeAdvice>> {
     let ball_mm = config.ball_mm;
     let largest = DotSize::LargestHole { ball_mm }.of(racer.pattern, &trials.conditions)?;
     let own = trials.with_dot_diameter(racer.dot_diameter).conditions;
-    let changed = changes_of(&own, largest)
-        .into_iter()
-        .map(|(change, conditions)| {
-            let changed = CameraTrials {
-                conditions,
-                ..*trials
-            };
-            let outcomes = changed.frames(racer.pattern, 0..config.change_frames, done)?;
-            Ok(ChangeAdvice {
-                change,
-                frames: FrameRates::of(&outcomes, trials.seed),
-            })
-        });
+    let all = changes_of(&own, largest);
+    let count = all.len();
+    let changed = all.into_iter().map(|(change, conditions)| {
+        let changed = CameraTrials {
+            conditions,
+            ..*trials
+        };
+        let outcomes = changed.frames(racer.pattern, config.race.fresh(false), done)?;
+        Ok(ChangeAdvice {
+            change,
+            frames: FrameRates::of(&outcomes, trials.seed),
+            error_ratio: ErrorRatio::of(unchanged, &outcomes, count),
+        })
+    });
     let mut changes = changed.collect::<Result<Vec<_>>>()?;
     changes.sort_by(|a, b| {
         let [a, b] = [a, b].map(|c| c.frames.effective_error_deg);

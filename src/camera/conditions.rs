@@ -20,9 +20,10 @@ const DISTANCE_RADII: [f64; 2] = [6.0, 60.0];
 #[serde(rename_all = "lowercase")]
 pub enum Surroundings {
     /// As a user arranges it: a background darker than the ball, even light, nothing before it.
-    #[default]
     Dark,
-    /// Anything: bright and textured backgrounds, lamps, hands and bats, shadows, hard compression.
+    /// Anything: bright and textured backgrounds, lamps, hands and bats, shadows, hard compression. The
+    /// default: a dark room is for whoever has one to say.
+    #[default]
     Any,
 }
 
@@ -72,7 +73,7 @@ pub struct CameraConditions {
     /// Greatest speed of the ball across the image, ball diameters a second; the smallest is 0.
     /// Default: 100, 4 m/s for 40 mm.
     pub max_speed: f64,
-    /// What surrounds the ball. Default: dark.
+    /// What surrounds the ball. Default: any.
     pub surroundings: Surroundings,
 }
 
@@ -88,7 +89,7 @@ impl Default for CameraConditions {
             dot_diameter: 0.1,
             rps: [0.0, 100.0],
             max_speed: 100.0,
-            surroundings: Surroundings::Dark,
+            surroundings: Surroundings::default(),
         }
     }
 }

@@ -6,11 +6,12 @@
 
 use std::f64::consts::TAU;
 use std::ops::Range;
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
 use super::frames::FrameOutcome;
-use super::racing::{RaceConfig, Racer, race};
+use super::racing::{RaceConfig, race};
 use super::trials::MAX_TRIALS;
 use crate::clip::balls::{BallEstimate, BallsEstimator};
 use crate::clip::strobe::{Strobe, StrobeHypothesis};
@@ -20,7 +21,7 @@ use crate::geometry::{CameraFrame, Vec3};
 use crate::pattern::{NamedPattern, Pattern};
 use crate::spin::golf::{self, Flight};
 use crate::spin::robust::SpinConfig;
-use crate::stats::{Proportion, quantile};
+use crate::stats::{Proportion, median_or_nan, or_nan};
 use crate::synth::SynthConfig;
 use crate::synth::dataset::{BallTruth, Frame, strobed_frame};
 use crate::synth::several::StrobeConfig;
@@ -286,7 +287,8 @@ pub struct ExposureRates {
     pub posed: Proportion,
     /// Poses that are off by 20 degrees or more, or where there is no image.
     pub wrong: Proportion,
-    /// Median orientation error of the right poses, degrees.
+    /// Median orientation error of the right poses, degrees; NaN without any, which JSON has as null.
+    #[serde(deserialize_with = "or_nan")]
     pub median_error_deg: f64,
     /// Exposures whose spin is right: the whole vector, within 2 % of its magnitude or 60 rpm.
     pub right: Proportion,
@@ -294,7 +296,8 @@ pub struct ExposureRates {
     pub rate_right: Proportion,
     /// The same of backspin and of sidespin.
     pub golf_right: Proportion,
-    /// Median error of the whole vector where there is a spin, rpm.
+    /// Median error of the whole vector where there is a spin, rpm; NaN without any, which JSON has as null.
+    #[serde(deserialize_with = "or_nan")]
     pub median_error_rpm: f64,
     /// Seed of the exposures.
     pub seed: u64,
@@ -313,7 +316,7 @@ impl ExposureRates {
         };
         let middle = |mut values: Vec<f64>| {
             values.sort_unstable_by(f64::total_cmp);
-            quantile(&values, 0.5)
+            median_or_nan(&values)
         };
         let errors = all.iter().flat_map(|o| &o.errors_rad);
         let off = all.iter().filter_map(|o| o.spin.map(|s| s.error_rpm));
@@ -342,12 +345,13 @@ pub struct ExposureAdvice {
     pub dots: usize,
     /// Their diameter over that of the ball.
     pub dot_diameter: f64,
-    /// How its exposures are read; few, where it is clearly worse than the best.
+    /// How exposures are read that no race has seen; few, where it is clearly worse than the best.
     pub rates: ExposureRates,
 }
 
-/// Advice on these patterns, each with dots of a diameter over that of the ball, the best first: they race on the same exposures.
-/// `done` learns how many more exposures are read or, at the end, were spared: `patterns.len() * max_frames` in all.
+/// Advice on these patterns, each with dots of a diameter over that of the ball, the best first: they race on the same exposures,
+/// and are measured on others ([`race`]). `done` learns how many more exposures are read or, at the end, were spared:
+/// [`RaceConfig::frames`] of each in all.
 ///
 /// # Errors
 /// [`crate::Error::Argument`] for a configuration out of its domain, or no pattern.
@@ -357,39 +361,33 @@ pub fn advise_exposures(
     config: &RaceConfig,
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<Vec<ExposureAdvice>> {
-    let is_possible = (1..=MAX_TRIALS).contains(&config.max_frames);
-    require(is_possible, "frames", "1 to 1000000", config.max_frames)?;
-    let mut read: Vec<Vec<ExposureOutcome>> = vec![Vec::new(); patterns.len()];
-    let racers: Vec<Racer<'_>> = patterns
-        .iter()
-        .map(|(named, dot_diameter)| Racer {
-            pattern: &named.pattern,
-            dot_diameter: *dot_diameter,
-        })
-        .collect();
-    let standings = race(racers.len(), config, |entry, exposures| {
-        let racer = &racers[entry];
+    let is_possible = (1..=MAX_TRIALS).contains(&config.frames());
+    require(is_possible, "frames", "1 to 1000000", config.frames())?;
+    // Of each pattern, those of the last frames that are read.
+    let mut last: Vec<Vec<ExposureOutcome>> = vec![Vec::new(); patterns.len()];
+    let never = AtomicBool::new(false);
+    let results = race(patterns.len(), config, &never, |entry, exposures| {
+        let (named, dot_diameter) = patterns[entry];
         let own = ExposureTrials {
             synth: SynthConfig {
-                dot_radius_rad: [racer.dot_diameter; 2],
+                dot_radius_rad: [dot_diameter; 2],
                 ..trials.synth.clone()
             },
             ..trials.clone()
         };
-        let outcomes = own.outcomes(racer.pattern, exposures, done)?;
+        let outcomes = own.outcomes(&named.pattern, exposures, done)?;
         let turns = outcomes.iter().map(ExposureOutcome::turn).collect();
-        read[entry].extend(outcomes);
+        last[entry] = outcomes;
         Ok(turns)
     })?;
-    let spared = |outcomes: &Vec<ExposureOutcome>| config.max_frames - outcomes.len() as u64;
-    done(read.iter().map(spared).sum());
-    let advice = standings.iter().map(|standing| {
-        let (named, dot_diameter) = patterns[standing.entry];
+    done(results.iter().map(|result| result.spared(config)).sum());
+    let advice = results.iter().map(|result| {
+        let (named, dot_diameter) = patterns[result.entry];
         ExposureAdvice {
             name: named.name.clone(),
             dots: named.pattern.len(),
             dot_diameter,
-            rates: ExposureRates::of(&read[standing.entry], trials.seed),
+            rates: ExposureRates::of(&last[result.entry], trials.seed),
         }
     });
     Ok(advice.collect())

@@ -18,7 +18,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::Rotation;
-use crate::stats::{PairedDifference, Pairs, Proportion, Z95, quantile};
+use crate::stats::{PairedDifference, Pairs, Proportion, Z95, median_or_nan, normal_reach, or_nan};
 use crate::validate::ORIENTATION_FAILURE_RAD;
 use crate::vision::FrameEstimate;
 
@@ -72,13 +72,18 @@ pub struct FrameRates {
     pub wrong: Proportion,
     /// No answer.
     pub unanswered: Proportion,
-    /// Mean orientation error of the right answers, degrees.
+    /// Mean orientation error of the right answers, degrees; this and the next three are NaN without any,
+    /// which JSON has as null.
+    #[serde(deserialize_with = "or_nan")]
     pub mean_error_deg: f64,
     /// Its median.
+    #[serde(deserialize_with = "or_nan")]
     pub median_error_deg: f64,
     /// Its root mean square.
+    #[serde(deserialize_with = "or_nan")]
     pub rms_error_deg: f64,
-    /// The effective error (see the module), degrees; 0 without a right answer.
+    /// The effective error (see the module), degrees.
+    #[serde(deserialize_with = "or_nan")]
     pub effective_error_deg: f64,
     /// Its 95 % interval, degrees; none where the first order says nothing.
     pub effective_error_interval_deg: Option<[f64; 2]>,
@@ -102,7 +107,8 @@ impl FrameRates {
         errors.sort_unstable_by(f64::total_cmp);
         let wrong = outcomes.iter().filter(|o| o.is_wrong()).count() as u64;
         let right = errors.len() as u64;
-        let count = errors.len().max(1) as f64;
+        // 0 / 0 is not a number, and there is none.
+        let count = errors.len() as f64;
         let rms_error_deg = (errors.iter().map(|e| e * e).sum::<f64>() / count).sqrt();
         let share = (right as f64 - COST_OF_WRONG * wrong as f64) / n.max(1) as f64;
         let effective_error_deg = rms_error_deg / share.max(MIN_SHARE).sqrt();
@@ -113,7 +119,7 @@ impl FrameRates {
             wrong: Proportion::new(wrong, n),
             unanswered: Proportion::new(n - right - wrong, n),
             mean_error_deg: errors.iter().sum::<f64>() / count,
-            median_error_deg: quantile(&errors, 0.5),
+            median_error_deg: median_or_nan(&errors),
             rms_error_deg,
             effective_error_deg,
             effective_error_interval_deg: deviation
@@ -138,8 +144,44 @@ pub fn paired(first: &[FrameOutcome], others: &[FrameOutcome]) -> PairedDifferen
     PairedDifference::new(pairs)
 }
 
+/// The effective error of one thing over that of another on the same scenes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ErrorRatio {
+    /// The ratio.
+    pub ratio: f64,
+    /// Lower end of its 95 % interval.
+    pub low: f64,
+    /// Upper end of the interval.
+    pub high: f64,
+}
+
+impl ErrorRatio {
+    /// That of `others` over that of `first`, frame by frame the same scene. The interval holds all of `count` such
+    /// ratios at once in 95 % (C. E. Bonferroni). `None` where the first order says nothing.
+    pub fn of(first: &[FrameOutcome], others: &[FrameOutcome], count: usize) -> Option<Self> {
+        let (ln, variance) = ln_ratio(first, others)?;
+        let reach = normal_reach(0.05 / count.max(1) as f64) * variance.sqrt();
+        let [low, ratio, high] = [ln - reach, ln, ln + reach].map(|ln| (0.5 * ln).exp());
+        Some(Self { ratio, low, high })
+    }
+
+    /// Whether the interval lies below 1.
+    pub fn is_smaller(&self) -> bool {
+        self.high < 1.0
+    }
+}
+
+/// `ln E^2` of `others` less that of `first` on the same frames, and the variance of this difference; none where the
+/// first order says nothing.
+pub(super) fn ln_ratio(first: &[FrameOutcome], others: &[FrameOutcome]) -> Option<(f64, f64)> {
+    let (a, a_changes) = ln_squared_error(first)?;
+    let (b, b_changes) = ln_squared_error(others)?;
+    let changes = a_changes.iter().zip(&b_changes);
+    Some((b - a, changes.map(|(a, b)| (a - b) * (a - b)).sum()))
+}
+
 /// `ln E^2` and how each frame changes it; none where the first order says nothing.
-pub(super) fn ln_squared_error(outcomes: &[FrameOutcome]) -> Option<(f64, Vec<f64>)> {
+fn ln_squared_error(outcomes: &[FrameOutcome]) -> Option<(f64, Vec<f64>)> {
     let n = outcomes.len() as f64;
     let squared = |o: &FrameOutcome| match *o {
         FrameOutcome::Answered { error_rad } if o.is_right() => error_rad * error_rad,

@@ -6,7 +6,7 @@
 //! renders it, and the whole estimator reads it, as it reads a user's frame: see [`CameraTrials`].
 //!
 //! - [`race_patterns`] finds the best of several patterns, with few frames for those that are clearly
-//!   worse,
+//!   worse, and measures them on others,
 //! - [`advise`] races the shipped designs, or others, and tries changes of the camera,
 //! - [`rank_finalists`] races those of a search,
 //! - [`CameraSweep`] varies one property of the camera at a time,
@@ -34,7 +34,7 @@ pub use exposures::{
     ExposureAdvice, ExposureOutcome, ExposureRates, ExposureSpin, ExposureTrials, advise_exposures,
     is_at,
 };
-pub use frames::{FrameOutcome, FrameRates, paired};
+pub use frames::{ErrorRatio, FrameOutcome, FrameRates, paired};
 pub use racing::{RaceConfig, RaceResult, Racer, race, race_patterns};
 pub use ranking::{rank_finalists, requested_conditions};
 pub use sequences::{SPIN_TOLERANCE, SpinRates};

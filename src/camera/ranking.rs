@@ -1,5 +1,7 @@
 //! Ranking the finalists of a search by a race on rendered frames of a camera, of a seed that nothing else
-//! uses.
+//! uses. The rates that are recorded are of other frames than those that ranked.
+
+use std::sync::atomic::AtomicBool;
 
 use super::race_patterns;
 use super::{CameraConditions, CameraTrials, FrameRates, RaceConfig, RaceResult, Racer};
@@ -18,14 +20,17 @@ pub fn requested_conditions(request: &CameraRequest) -> Result<CameraConditions>
     Ok(conditions)
 }
 
-/// Puts the finalists in order; their rates.
+/// Puts the finalists in order; their rates, or none where `stop` was set before all were measured. `done` learns
+/// how many more frames are read or spared, [`RaceConfig::frames`] of each in all.
 ///
 /// # Errors
 /// As [`requested_conditions`].
 pub fn rank_finalists(
     request: &CameraRequest,
     finalists: &mut [Candidate],
-) -> Result<CameraRecord> {
+    stop: &AtomicBool,
+    done: &(dyn Fn(u64) + Sync),
+) -> Result<Option<CameraRecord>> {
     let conditions = requested_conditions(request)?;
     let trials = CameraTrials::new(conditions, request.seed);
     let patterns = finalists.iter().map(Candidate::pattern);
@@ -36,11 +41,11 @@ pub fn rank_finalists(
     });
     let racers: Vec<Racer<'_>> = racers.collect();
     let race = RaceConfig::of_frames(request.frames);
-    let standings = race_patterns(&trials, &racers, &race, &|_| ())?;
-    let place = |s: &RaceResult| finalists[s.entry].clone();
-    let ranked: Vec<Candidate> = standings.iter().map(place).collect();
-    let ranks = ranked.iter().zip(&standings).map(|(candidate, standing)| {
-        let rates = FrameRates::of(&standing.outcomes, request.seed);
+    let results = race_patterns(&trials, &racers, &race, stop, done)?;
+    let place = |r: &RaceResult| finalists[r.entry].clone();
+    let ranked: Vec<Candidate> = results.iter().map(place).collect();
+    let ranks = ranked.iter().zip(&results).map(|(candidate, result)| {
+        let rates = FrameRates::of(&result.outcomes, request.seed);
         CameraRank {
             start: candidate.start,
             right: rates.right,
@@ -49,10 +54,11 @@ pub fn rank_finalists(
             effective_error_deg: rates.effective_error_deg,
         }
     });
-    let ranks = ranks.collect();
+    let finalists_then = ranks.collect();
     finalists.clone_from_slice(&ranked);
-    Ok(CameraRecord {
+    let is_measured = results.iter().all(|r| !r.outcomes.is_empty());
+    Ok(is_measured.then(|| CameraRecord {
         request: request.clone(),
-        finalists: ranks,
-    })
+        finalists: finalists_then,
+    }))
 }

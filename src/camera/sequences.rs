@@ -6,7 +6,7 @@ use crate::clip::sequence::{SequenceConfig, estimate_sequence, estimate_spin};
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between};
 use crate::image::ImageView;
-use crate::stats::{Proportion, quantile};
+use crate::stats::{Proportion, median_or_nan, or_nan};
 use crate::synth::dataset::Sequence;
 use crate::vision::Estimator;
 
@@ -22,11 +22,15 @@ pub struct SpinRates {
     pub reported: Proportion,
     /// The spin vector is off by less than 20 % of its magnitude; of all sequences.
     pub right: Proportion,
-    /// Median error of the spin vector of the right ones, revolutions per second.
+    /// Median error of the spin vector of the right ones, revolutions per second; this and the next two are NaN
+    /// without any, which JSON has as null.
+    #[serde(deserialize_with = "or_nan")]
     pub median_error_rps: f64,
     /// Median error of their magnitude, revolutions per second.
+    #[serde(deserialize_with = "or_nan")]
     pub median_magnitude_error_rps: f64,
     /// Median angle between their axis and the true one, degrees.
+    #[serde(deserialize_with = "or_nan")]
     pub median_axis_error_deg: f64,
     /// Mean share of the frames with an orientation.
     pub frames_answered: f64,
@@ -89,7 +93,7 @@ impl SpinRates {
             errors.sort_unstable_by(f64::total_cmp);
         }
         let answered: usize = outcomes.iter().map(|o| o.answered).sum();
-        let [error, magnitude, axis] = errors.each_ref().map(|e| quantile(e, 0.5));
+        let [error, magnitude, axis] = errors.each_ref().map(|e| median_or_nan(e));
         Self {
             frames,
             reported: Proportion::new(reported, n),

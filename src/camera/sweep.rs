@@ -161,10 +161,16 @@ pub fn sweep_csv(points: &[CameraPoint]) -> String {
     );
     for p in points {
         let r = &p.frames;
+        // Empty without a right answer.
+        let errors = [r.mean_error_deg, r.median_error_deg, r.rms_error_deg];
+        let errors = errors.map(|error| match error.is_nan() {
+            true => ",".to_owned(),
+            false => format!(",{error}"),
+        });
         // Writing to a String cannot fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},{},{},{},{},{},{},{}{}",
             p.parameter.as_str(),
             p.value,
             p.frames.seed,
@@ -176,9 +182,7 @@ pub fn sweep_csv(points: &[CameraPoint]) -> String {
             r.wrong.low,
             r.wrong.high,
             r.unanswered.rate,
-            r.mean_error_deg,
-            r.median_error_deg,
-            r.rms_error_deg
+            errors.concat()
         );
     }
     text

@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::camera::{CameraArguments, GolfBall};
+use super::camera::{CameraArguments, GolfBall, shown};
 use super::flashes::Flashes;
 use super::output::{Counter, quoted};
 use super::print_json;
 use crate::ball::Ball;
 use crate::camera::{
-    Advice, AdviceConfig, CameraTrials, ChangeAdvice, ExposureTrials, FrameRates, RaceConfig,
-    advise, advise_exposures,
+    Advice, AdviceConfig, CameraTrials, ErrorRatio, ExposureTrials, FrameRates, RaceConfig, advise,
+    advise_exposures,
 };
 use crate::error::Result;
 use crate::pattern::{NamedPattern, shipped_designs};
@@ -26,9 +26,11 @@ const GOLF_FLASHES_S: [f64; 3] = [0.0, 0.9e-3, 2.1e-3];
 #[derive(Debug, Args)]
 #[command(after_help = "\
 The patterns race on rendered frames of the camera, the same scenes for all, read by the whole estimator. One that is
-clearly worse than the best leaves early; those that stay are also tried on sequences. The error column is the root mean
-square error of an orientation over sqrt(right - 2 wrong): a spin from many frames errs in proportion to it.
-It takes less than a minute of one core, in any surroundings some two.
+clearly worse than the best leaves early. What is printed is of other frames than those that chose; those that stay are
+also tried on sequences. The error column is the root mean square error of an orientation over sqrt(right - 2 wrong): a
+spin from many frames errs in proportion to it. The last column is that error over the first pattern's on the same
+scenes: an interval that holds 1 decides nothing.
+It takes some two minutes of one core, in a dark room (--camera dark) one.
 
 Examples:
   spindoe advise --ball-px 45 --fps 240 --exposure-ms 0.5
@@ -39,7 +41,8 @@ pub struct Arguments {
     /// folder of a design or calibration [default: the shipped designs].
     #[arg(value_name = "PATTERN")]
     inputs: Vec<PathBuf>,
-    /// Frames of a pattern that stays to the end; half as many for a change of the camera [default: 1024; with --golf 256].
+    /// Frames of a pattern that stays to the end, of which half choose and half measure; half as many for a change of the
+    /// camera [default: 1024; with --golf 256].
     #[arg(long, value_name = "N")]
     samples: Option<u64>,
     /// Sequences of a pattern that stays to the end, for the spin.
@@ -73,7 +76,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<()> {
     let usual = match arguments.golf {
         true => GOLF_SAMPLES,
-        false => RaceConfig::default().max_frames,
+        false => RaceConfig::default().frames(),
     };
     let samples = arguments.samples.unwrap_or(usual);
     check_samples(samples)?;
@@ -100,7 +103,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         race: RaceConfig::of_frames(samples),
         sequences: arguments.sequences,
         sequence_frames: arguments.sequence_frames,
-        change_frames: samples.div_ceil(2),
         dot_size: arguments.camera.dot_size()?,
         ball_mm: arguments.camera.ball_mm()?,
     };
@@ -111,6 +113,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return print_json(&advice);
     }
+    outln!("{}", arguments.camera.assumed()?);
     print_words(&advice, &config, arguments.seed);
     Ok(())
 }
@@ -131,11 +134,13 @@ fn golf(arguments: &Arguments, patterns: &[NamedPattern], samples: u64) -> Resul
         .iter()
         .map(|named| Ok((named, dots.of_named(named, &conditions)?)));
     let sized = sized.collect::<Result<Vec<_>>>()?;
+    let race = RaceConfig::of_frames(samples);
     let race = RaceConfig {
-        first_frames: GOLF_FIRST.min(samples),
-        max_frames: samples,
+        first_frames: GOLF_FIRST.min(race.max_frames),
+        ..race
     };
-    let counter = Counter::new(samples * patterns.len() as u64, "exposures");
+    let total = race.frames().saturating_mul(patterns.len() as u64);
+    let counter = Counter::new(total, "exposures");
     let advice = advise_exposures(&trials, &sized, &race, &|n| counter.add(n))?;
     counter.finish();
     if arguments.json {
@@ -152,7 +157,11 @@ fn golf(arguments: &Arguments, patterns: &[NamedPattern], samples: u64) -> Resul
         .map(|s| format!("{:.3}", 1e3 * s))
         .collect();
     outln!(
-        "seed {}; exposures with flashes at {} ms:",
+        "assumed: golf balls of {ball_mm} mm and {} pixels in infrared light, golf's spins, known intrinsics",
+        conditions.ball_px
+    );
+    outln!(
+        "seed {}; exposures with flashes at {} ms, others than those that chose:",
         arguments.seed,
         ms.join(", ")
     );
@@ -170,7 +179,7 @@ fn golf(arguments: &Arguments, patterns: &[NamedPattern], samples: u64) -> Resul
     for p in &advice {
         let r = &p.rates;
         outln!(
-            "{:12} {:>4} {:>5.1}% {:>9}  {:>24}  {:>20}  {:>24}  {:>10.0}",
+            "{:12} {:>4} {:>5.1}% {:>9}  {:>24}  {:>20}  {:>24}  {:>10}",
             quoted(&p.name),
             p.dots,
             100.0 * p.dot_diameter,
@@ -178,7 +187,7 @@ fn golf(arguments: &Arguments, patterns: &[NamedPattern], samples: u64) -> Resul
             r.posed.to_string(),
             r.wrong.to_string(),
             r.right.to_string(),
-            r.median_error_rpm
+            shown(r.median_error_rpm, 0)
         );
     }
     outln!("Right is a spin whose whole vector is within 2 % of its magnitude or 60 rpm.");
@@ -199,28 +208,30 @@ fn take(name: &str, dot_diameter: f64, ball_mm: f64) {
 }
 
 fn print_words(advice: &Advice, config: &AdviceConfig, seed: u64) {
-    outln!("seed {seed}; frames alone:");
+    outln!("seed {seed}; frames alone, others than those that chose:");
     outln!(
-        "{:12} {:>4} {:>6} {:>6}  {:>24}  {:>20}  {:>17}",
+        "{:12} {:>4} {:>6} {:>6}  {:>24}  {:>20}  {:>17}  {:>17}",
         "pattern",
         "dots",
         "wide",
         "frames",
         "right",
         "wrong",
-        "error, deg"
+        "error, deg",
+        "over the first's"
     );
     for p in &advice.patterns {
         let r = &p.frames;
         outln!(
-            "{:12} {:>4} {:>5.1}% {:>6}  {:>24}  {:>20}  {:>17}",
+            "{:12} {:>4} {:>5.1}% {:>6}  {:>24}  {:>20}  {:>17}  {:>17}",
             quoted(&p.name),
             p.dots,
             100.0 * p.dot_diameter,
             r.right.trials,
             r.right.to_string(),
             r.wrong.to_string(),
-            effective_error(r)
+            effective_error(r),
+            p.error_ratio.map_or("-".to_owned(), ratio)
         );
     }
     outln!(
@@ -239,51 +250,59 @@ fn print_words(advice: &Advice, config: &AdviceConfig, seed: u64) {
     for p in &advice.patterns {
         let Some(s) = &p.spin else { continue };
         outln!(
-            "{:16} {:>24}  {:>12.3}  {:>9.3}  {:>9.2}",
+            "{:16} {:>24}  {:>12}  {:>9}  {:>9}",
             quoted(&p.name),
             s.right.to_string(),
-            s.median_error_rps,
-            s.median_magnitude_error_rps,
-            s.median_axis_error_deg
+            shown(s.median_error_rps, 3),
+            shown(s.median_magnitude_error_rps, 3),
+            shown(s.median_axis_error_deg, 2)
         );
     }
     outln!(
         "Spins beyond {:.0} rps have a slower alias at this frame rate.",
         advice.unique_up_to_rps
     );
-    if let Some(best) = advice.patterns.first() {
-        let helps = |change: &&ChangeAdvice| {
-            change.frames.effective_error_deg < best.frames.effective_error_deg
-        };
-        let mut helpful = advice.changes.iter().filter(helps).peekable();
-        match helpful.peek() {
-            Some(_) => outln!(
-                "What would help, one change at a time, {} frames each:",
-                config.change_frames
-            ),
-            None => outln!("No single change of the camera or of the dots was found to help."),
-        }
-        for change in helpful {
-            let r = &change.frames;
-            outln!(
-                "  error {} deg (right {:.1} %, wrong {:.2} %): {}",
-                effective_error(r),
-                100.0 * r.right.rate,
-                100.0 * r.wrong.rate,
-                change.change
-            );
-        }
-    }
+    print_changes(advice);
     outln!("Brackets are 95 % intervals (shares: Wilson).");
     if let Some(best) = advice.patterns.first() {
         take(&best.name, best.dot_diameter, config.ball_mm);
     }
 }
 
+/// The changes that help beyond what chance does: of the others nothing is known.
+fn print_changes(advice: &Advice) {
+    let Some(best) = advice.patterns.first() else {
+        return;
+    };
+    let (name, frames) = (quoted(&best.name), best.frames.right.trials);
+    let mut helpful = advice.changes.iter().filter(|c| c.helps()).peekable();
+    match helpful.peek() {
+        Some(_) => outln!(
+            "What would help, one change at a time, on the {frames} scenes of {name}; its error times:"
+        ),
+        None => outln!("Of no single change {frames} frames show that it helps."),
+    }
+    for change in helpful {
+        let r = &change.frames;
+        outln!(
+            "  {} (right {:.1} %, wrong {:.2} %): {}",
+            change.error_ratio.map_or(String::new(), ratio),
+            100.0 * r.right.rate,
+            100.0 * r.wrong.rate,
+            change.change
+        );
+    }
+}
+
+fn ratio(ratio: ErrorRatio) -> String {
+    let ErrorRatio { ratio, low, high } = ratio;
+    format!("{ratio:.2} [{low:.2}, {high:.2}]")
+}
+
 fn effective_error(rates: &FrameRates) -> String {
-    let value = rates.effective_error_deg;
+    let value = shown(rates.effective_error_deg, 2);
     match rates.effective_error_interval_deg {
-        Some([low, high]) => format!("{value:.2} [{low:.2}, {high:.2}]"),
-        None => format!("{value:.2} [?]"),
+        Some([low, high]) => format!("{value} [{low:.2}, {high:.2}]"),
+        None => format!("{value} [?]"),
     }
 }

@@ -94,7 +94,7 @@ struct CameraFile {
     /// Greatest speed of the ball across the image, m/s [default: 4].
     #[arg(long, hide = true, value_name = "V", allow_negative_numbers = true)]
     max_speed_m_s: Option<f64>,
-    /// What surrounds the ball: dark and even as arranged, or anything [default: dark].
+    /// What surrounds the ball: dark and even as arranged, or anything [default: any].
     #[arg(long, hide = true, value_parser = one_of(&Surroundings::ALL, Surroundings::as_str))]
     surroundings: Option<Surroundings>,
 }
@@ -142,6 +142,11 @@ impl CameraArguments {
             dots,
             conditions,
         })
+    }
+
+    /// What is assumed of the camera and the ball where nothing is stated, in words.
+    pub fn assumed(&self) -> Result<String> {
+        Ok(self.both()?.assumed())
     }
 
     /// Whether there is a camera.
@@ -210,6 +215,11 @@ impl std::fmt::Display for CameraSource {
 }
 
 impl CameraSource {
+    /// What is assumed where it states nothing, in words.
+    pub fn assumed(&self) -> Result<String> {
+        Ok(self.read()?.assumed())
+    }
+
     /// The conditions that it states.
     pub fn conditions(&self) -> Result<CameraConditions> {
         self.read()?.conditions().map_err(named_as_flag)
@@ -227,6 +237,44 @@ impl CameraSource {
 }
 
 impl CameraFile {
+    /// What is not stated of what changes the rates most.
+    fn assumed(&self) -> String {
+        let usual = CameraConditions::default();
+        let ball_mm = self.ball_diameter_mm.unwrap_or(USUAL_BALL_MM);
+        let surroundings = match usual.surroundings {
+            Surroundings::Any => "any surroundings (a dark room: --camera dark)",
+            Surroundings::Dark => "a dark room (else: --camera any)",
+        };
+        let [low, high] = usual.rps;
+        let all = [
+            (self.surroundings.is_none(), surroundings.to_owned()),
+            (
+                self.ball_px.is_none(),
+                format!("a ball of {} pixels", usual.ball_px),
+            ),
+            (
+                self.ball_diameter_mm.is_none(),
+                format!("{USUAL_BALL_MM} mm wide"),
+            ),
+            (self.fps.is_none(), format!("{} frames a second", usual.fps)),
+            (
+                self.exposure_ms.is_none(),
+                format!("exposed {} ms", 1e3 * usual.exposure_s),
+            ),
+            (self.rps.is_none(), format!("spins of {low} to {high} rps")),
+            (
+                self.max_speed_m_s.is_none(),
+                format!("up to {} m/s", 1e-3 * usual.max_speed * ball_mm),
+            ),
+        ];
+        let assumed = all.into_iter().filter(|(is_open, _)| *is_open);
+        let assumed: Vec<String> = assumed.map(|(_, words)| words).collect();
+        match assumed.is_empty() {
+            true => "nothing is assumed of the camera".to_owned(),
+            false => format!("assumed, as nothing else is stated: {}", assumed.join(", ")),
+        }
+    }
+
     fn conditions(&self) -> Result<CameraConditions> {
         let ball_mm = self.ball_diameter_mm.unwrap_or(USUAL_BALL_MM);
         if !(1.0..=1000.0).contains(&ball_mm) {
@@ -287,6 +335,14 @@ fn read(path: &Path) -> Result<CameraFile> {
     Ok(file)
 }
 
+/// A number with so many decimals; a dash for none.
+pub fn shown(number: f64, decimals: usize) -> String {
+    match number.is_nan() {
+        true => "-".to_owned(),
+        false => format!("{number:.decimals$}"),
+    }
+}
+
 /// Prints what a pattern gives before a camera.
 pub fn print_frames(r: &FrameRates) {
     outln!("{} frames of seed {}", r.right.trials, r.seed);
@@ -294,10 +350,10 @@ pub fn print_frames(r: &FrameRates) {
     outln!("  wrong       {} of {}", r.wrong, r.wrong.trials);
     outln!("  unanswered  {} of {}", r.unanswered, r.unanswered.trials);
     outln!(
-        "  error of the right ones: mean {:.3} deg, median {:.3} deg, root mean square {:.3} deg",
-        r.mean_error_deg,
-        r.median_error_deg,
-        r.rms_error_deg
+        "  error of the right ones: mean {} deg, median {} deg, root mean square {} deg",
+        shown(r.mean_error_deg, 3),
+        shown(r.median_error_deg, 3),
+        shown(r.rms_error_deg, 3)
     );
     outln!("Right is off by less than 20 degrees. Brackets are 95 % intervals (Wilson).");
 }

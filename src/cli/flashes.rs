@@ -2,6 +2,9 @@
 
 use std::str::FromStr;
 
+/// Flashes of a period, at most: more than any exposure may have.
+const MOST: u32 = 8;
+
 /// Times of the flashes of an exposure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Flashes {
@@ -23,8 +26,11 @@ impl FromStr for Flashes {
                 let count = parsed.map_err(|_| {
                     format!("expected a number of flashes after x, found {count:?}")
                 })?;
-                // More than an exposure may have are refused with the times.
-                (0..count.min(100)).map(|k| period * f64::from(k)).collect()
+                // More than a few are refused with the times, which are printed then.
+                if count > MOST {
+                    return Err(format!("expected at most {MOST} flashes, found {count}"));
+                }
+                (0..count).map(|k| period * f64::from(k)).collect()
             }
             None => text.split(',').map(ms).collect::<Result<_, _>>()?,
         };
@@ -51,7 +57,16 @@ mod tests {
             let is_near = |(a, b): (&f64, f64)| (a - b).abs() < 1e-15;
             assert!(found.iter().zip(expected).all(is_near), "{found:?}");
         }
-        for wrong in ["", "0,", "x3", "0.5x", "0.5x-1", "1;2", "0.5x3x2"] {
+        for wrong in [
+            "",
+            "0,",
+            "x3",
+            "0.5x",
+            "0.5x-1",
+            "1;2",
+            "0.5x3x2",
+            "0.7x1000000000",
+        ] {
             assert!(times(wrong).is_err(), "{wrong}");
         }
     }

@@ -2,6 +2,7 @@
 //! times.
 
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use clap::Args;
 
@@ -11,13 +12,14 @@ use crate::clip::batch::FrameClock;
 use crate::clip::frame_table::{self, FrameCircles};
 use crate::error::{Error, Result};
 use crate::image::Roi;
-use crate::source::files;
+use crate::source::pipe::PipeFormat;
+use crate::source::{Frame, FrameSource as _, files};
 use crate::vision::frame::config::{CameraModel, OutlineMethod};
 use crate::vision::frame::prior::OutlinePrior;
 use crate::vision::net::Weights;
 use crate::vision::painted::Surface;
 use crate::vision::{
-    BallCircle, Camera, CnnDetector, DetectorName, DotDetector, Intrinsics, Pixel,
+    BallCircle, Calibration, Camera, CnnDetector, DetectorName, DotDetector, Intrinsics, Pixel,
 };
 
 #[derive(Debug, Args)]
@@ -55,9 +57,17 @@ pub struct ImageArguments {
     )]
     camera_distance_radii: Option<f64>,
     /// The camera's focal lengths and principal point in pixels, and OpenCV's distortion k1,k2,p1,p2,.. behind them; or a
-    /// file of them, as OpenCV (YAML, JSON) or ROS (camera_info) writes it. The distance then follows from the ball's size.
+    /// file of them, as OpenCV (YAML, JSON, XML, NPZ), ROS (camera_info), Kalibr, EuRoC, VINS, ORB-SLAM or COLMAP
+    /// (cameras.txt) has it; FILE:NAME is one of several cameras, as in stereo.yml:left. Where the file says for images
+    /// of which size, it is scaled to those given. The distance then follows from the ball's size.
     #[arg(long, value_name = "FX,FY,CX,CY|FILE", allow_negative_numbers = true)]
     intrinsics: Option<String>,
+    /// Those of the images, once they are settled.
+    #[arg(skip)]
+    settled: OnceLock<Intrinsics>,
+    /// The file and the size that frames must have that are not there yet.
+    #[arg(skip)]
+    expected: OnceLock<Calibration>,
     /// Frames per second, for frames at equal intervals.
     #[arg(
         long,
@@ -83,7 +93,68 @@ impl ImageArguments {
         }
     }
 
+    /// Reads the intrinsics' file, and fits it to the images that these inputs, or a pipe of raw frames, hold. Says what is to be
+    /// known of it. [`Self::camera`] then has them.
+    pub(super) fn settle_camera(
+        &self,
+        inputs: &[PathBuf],
+        raw: Option<PipeFormat>,
+        max_pixels: u64,
+    ) -> Result<()> {
+        let Some(text) = self
+            .intrinsics
+            .as_ref()
+            .filter(|text| numbers(text).is_none())
+        else {
+            return Ok(());
+        };
+        let calibration = Calibration::read(text.as_ref())?;
+        for note in &calibration.notes {
+            errln!("spindoe: {text}: {note}");
+        }
+        let mut intrinsics = calibration.intrinsics;
+        if calibration.size.is_some() {
+            let size = match raw {
+                Some(PipeFormat::Raw { width, height, .. }) => Some([width, height]),
+                _ => first_size(inputs, max_pixels),
+            };
+            match size {
+                Some(size) => {
+                    let (fitted, words) = calibration.for_image(size)?;
+                    intrinsics = fitted;
+                    if let Some(words) = words {
+                        errln!("spindoe: {text}: {words}");
+                    }
+                }
+                None => {
+                    let _ = self.expected.set(calibration);
+                }
+            }
+        }
+        let _ = self.settled.set(intrinsics);
+        Ok(())
+    }
+
+    /// Rejects a frame of another size than its intrinsics are for, where that was not known before.
+    pub(super) fn check_size(&self, size: [usize; 2]) -> Result<()> {
+        let Some(calibration) = self.expected.get() else {
+            return Ok(());
+        };
+        match calibration.for_image(size)? {
+            (_, None) => Ok(()),
+            (_, Some(words)) => {
+                let [width, height] = size;
+                let problem =
+                    format!("expected --raw {width}x{height},PIXEL for a pipe with {words}");
+                Err(Error::argument("intrinsics", problem))
+            }
+        }
+    }
+
     pub(super) fn camera(&self) -> Result<CameraModel> {
+        if let Some(settled) = self.settled.get() {
+            return Ok(CameraModel::Known(Camera::Perspective(*settled)));
+        }
         match (&self.intrinsics, self.camera_distance_radii) {
             (None, None) => Ok(CameraModel::default()),
             (None, Some(distance)) if distance > 1.0 => Ok(CameraModel::Known(Camera::Near {
@@ -94,8 +165,7 @@ impl ImageArguments {
                 Err(Error::argument("camera_distance_radii", problem))
             }
             (Some(text), _) => {
-                let numbers = text.split(',').map(|n| n.trim().parse().ok());
-                let intrinsics = match numbers.collect::<Option<Vec<f64>>>() {
+                let intrinsics = match numbers(text) {
                     Some(numbers) => Intrinsics::from_numbers(&numbers)?,
                     None => Intrinsics::read(text.as_ref())?,
                 };
@@ -163,6 +233,22 @@ impl ImageArguments {
             (None, None) => FrameClock::Inputs,
         })
     }
+}
+
+/// Numbers between commas.
+fn numbers(text: &str) -> Option<Vec<f64>> {
+    text.split(',').map(|n| n.trim().parse().ok()).collect()
+}
+
+/// Columns and rows of the first frame of these inputs; `None` where it cannot be read, which is said of it later.
+fn first_size(inputs: &[PathBuf], max_pixels: u64) -> Option<[usize; 2]> {
+    let sources = files::sources(inputs).ok()?;
+    let mut source = files::open(sources.first()?, max_pixels).ok()?;
+    let mut frame = Frame::default();
+    source.next_frame(&mut frame).ok()?.then_some(())?;
+    let picture = frame.picture.ok()?;
+    let view = picture.view().ok()?;
+    Some([view.width(), view.height()])
 }
 
 /// A ball of dots.

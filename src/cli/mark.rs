@@ -6,7 +6,7 @@ use clap::{ArgMatches, Args, ValueEnum};
 
 use super::design::cone;
 use super::output::reject_foreign;
-use super::pattern::PatternSource;
+use super::pattern::{PatternSource, warn_of_small_dots};
 use super::print_json;
 use crate::ball::Ball;
 use crate::design::KeepOut;
@@ -241,6 +241,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
         Format::Gcode => plotter_program(pattern, &config, &arguments.plotter())?.into_bytes(),
     };
     files::write_bytes(&arguments.output, &bytes)?;
+    warn_of_small_dots(config.ball_diameter_mm, config.dot_diameter_mm);
     if arguments.json {
         return print_json(&drawing.note);
     }

@@ -48,6 +48,7 @@ mod merge;
 mod motion;
 mod old;
 mod output;
+mod outputs;
 mod pattern;
 #[cfg(feature = "vision")]
 mod pipe;
@@ -176,7 +177,7 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     };
     output::set_quiet(parsed.cli.quiet);
     let name = parsed.name().to_owned();
-    match parsed.check_numbers().and_then(|()| parsed.run()) {
+    match parsed.check().and_then(|()| parsed.run()) {
         Ok(()) => 0,
         Err(error) => report(&error, &name),
     }
@@ -251,12 +252,15 @@ impl Parsed {
         self.given.subcommand_name().unwrap_or_default()
     }
 
-    /// Checks the bounds of all numbers that were given.
-    fn check_numbers(&self) -> Result<()> {
+    /// Checks the bounds of all numbers that were given, and that no output is an input.
+    fn check(&self) -> Result<()> {
         let chosen = self.given.subcommand();
         let command =
             chosen.and_then(|(name, given)| Some((self.command.find_subcommand(name)?, given)));
-        command.map_or(Ok(()), |(command, given)| bounds::check(command, given))
+        command.map_or(Ok(()), |(command, given)| {
+            bounds::check(command, given)?;
+            outputs::check(command, given)
+        })
     }
 
     fn run(self) -> Result<()> {
@@ -348,7 +352,7 @@ pub fn design_request(
         Refused::Usage(error) => usage_line(&error),
         Refused::Settings(error) => error.to_string(),
     })?;
-    parsed.check_numbers().map_err(|error| error.to_string())?;
+    parsed.check().map_err(|error| error.to_string())?;
     let Command::Design(arguments) = parsed.cli.command else {
         return Err("expected the flags of design".to_owned());
     };

@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 use std::sync::Mutex;
+#[cfg(feature = "vision")]
+use std::sync::atomic::AtomicU64;
 use std::sync::atomic::{AtomicBool, Ordering};
 #[cfg(feature = "mark")]
 use std::time::SystemTime;
@@ -215,6 +217,19 @@ impl Counter {
     }
 }
 
+/// Steps of the bar of a design, and the minimum time between its plain lines.
+pub(super) const STEPS: u64 = 1000;
+const SILENCE: Duration = Duration::from_secs(2);
+
+/// Estimated time left from the share done, and that when work began, in words; empty while there is no estimate.
+pub(super) fn left((began, before): (Instant, f64), share: f64) -> String {
+    if share - before < 0.02 {
+        return String::new();
+    }
+    let left = began.elapsed().as_secs_f64() * (1.0 - share) / (share - before);
+    format!("; {left:.0} s left")
+}
+
 /// The progress of long work: a bar on a terminal, plain lines elsewhere.
 pub(super) struct Progress {
     bar: ProgressBar,
@@ -236,6 +251,53 @@ impl Progress {
             bar,
             said: Instant::now(),
             silence,
+        }
+    }
+
+    /// The progress of a design.
+    pub fn of_design() -> Self {
+        Self::new(STEPS, "{bar:12} {gone}{left}  {wide_msg}", SILENCE)
+    }
+
+    /// Shows the current work and the share of all that is done, begun at `began`.
+    #[cfg(feature = "vision")]
+    pub fn show_share(&mut self, share: f64, what: &str, began: Instant) {
+        let done = (STEPS as f64 * share) as u64;
+        self.show(done, what, || left((began, 0.0), share));
+    }
+
+    /// Counts `total` pieces of work that is done on several threads and takes the bar from one share of all work
+    /// to another: what it returns learns how many more are done.
+    #[cfg(feature = "vision")]
+    pub fn count(
+        &self,
+        total: u64,
+        [from, to]: [f64; 2],
+        what: &'static str,
+    ) -> impl Fn(u64) + Send + Sync + use<> {
+        let (bar, done) = (self.bar.clone(), AtomicU64::new(0));
+        let began = Instant::now();
+        let said = Mutex::new(began);
+        self.say((STEPS as f64 * from) as u64, what);
+        move |more| {
+            let done = done.fetch_add(more, Ordering::Relaxed) + more;
+            let share = done as f64 / total.max(1) as f64;
+            let share = from + (to - from) * share.min(1.0);
+            bar.set_position((STEPS as f64 * share) as u64);
+            if is_quiet() || is_shown(&bar) {
+                return;
+            }
+            // A thread that finds another one speaking has nothing to add.
+            let Ok(mut said) = said.try_lock() else {
+                return;
+            };
+            if said.elapsed() > COUNTER_SILENCE {
+                errln!(
+                    "{what}: {done} of {total} frames{}",
+                    left((began, from), share)
+                );
+                *said = Instant::now();
+            }
         }
     }
 

@@ -16,7 +16,7 @@ use crate::stencil::{
 #[cfg(feature = "mark")]
 use super::mark::Paper;
 use super::output::one_of;
-use super::pattern::PatternSource;
+use super::pattern::{PatternSource, warn_of_small_dots};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -128,37 +128,39 @@ macro_rules! sizes {
 }
 
 sizes! {
-    /// Diameter of the ball. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper
+    /// Diameter of the ball, 10 to 400. Table-tennis balls are 40.0 to 40.6 mm: measure yours with a caliper
     /// [default: that of the design, else 40].
     ball_diameter_mm: "MM" => ball_diameter_mm,
     /// Gap between ball and shell, per side; print the coupon to find yours [default: 0.2].
     clearance_mm: "MM" => clearance_mm,
-    /// Thickness of the shell [default: 2.8].
+    /// Thickness of the shell [default: 2.8, less for balls under 40 mm, as all sizes of the
+    /// shell and its hinge].
     wall_mm setting: "MM" => wall_mm,
     /// How much farther from the ball the dome's inside lies within 25 degrees of its top, where it is
     /// printed on air and comes out rough [default: 0.3].
     ceiling_relief_mm setting: "MM" => ceiling_relief_mm,
     /// Length of a hole's throat at the ball, before it widens for the pen [default: 0.8].
     throat_mm setting: "MM" => throat_mm,
-    /// Half-angle of the cone by which a hole widens outwards [default: 30].
+    /// Half-angle of the cone by which a hole widens outwards [default: 30, less for balls under 40 mm].
     taper_deg setting: "DEG" => taper_rad.to_radians(),
-    /// Minimum material between holes, and between a hole and rim, hinge or tab [default: 0.8].
+    /// Minimum material between holes, and between a hole and rim, hinge or tab [default: 0.8,
+    /// less for balls under 40 mm].
     min_web_mm setting: "MM" => min_web_mm,
     /// Target distance of the dots' centers from the seam [default: 10].
     seam_margin_deg setting: "DEG" => seam_margin_rad.to_radians(),
     /// Gap between the two rims [default: 0.2].
     seam_gap_mm setting: "MM" => seam_gap_mm,
-    /// Nominal diameter of the hinge's screw [default: 3.0, M3].
+    /// Nominal diameter of the hinge's screw [default: 3.0, M3; M2.5, M2 or M1.6 for balls under 40 mm].
     screw_diameter_mm: "MM" => screw_diameter_mm,
     /// Clearance between the hinge's bore and its screw [default: 0.2].
     bore_allowance_mm setting: "MM" => bore_allowance_mm,
-    /// Length of the hinge along its screw [default: 15].
+    /// Length of the hinge along its screw [default: 15, less for balls under 40 mm].
     hinge_length_mm setting: "MM" => hinge_length_mm,
     /// Gap between knuckles [default: 0.4].
     knuckle_clearance_mm setting: "MM" => knuckle_clearance_mm,
-    /// Material around the screw's bore [default: 1.2].
+    /// Material around the screw's bore [default: 1.2, less for balls under 40 mm].
     knuckle_wall_mm setting: "MM" => knuckle_wall_mm,
-    /// Reach of the thumb tab [default: 6].
+    /// Reach of the thumb tab [default: 6, less for balls under 40 mm].
     tab_mm setting: "MM" => tab_mm,
     /// Width of the printer's nozzle [default: 0.4].
     nozzle_mm setting: "MM" => nozzle_mm,
@@ -170,12 +172,11 @@ impl Arguments {
     fn config(&self, ball: &Ball) -> Result<StencilConfig> {
         let [ball_diameter_mm, hole_diameter_mm] = ball.sizes_mm(self.sizes.ball_diameter_mm, None);
         let mut config = StencilConfig {
-            ball_diameter_mm,
             hole_diameter_mm,
             numbers: !self.no_numbers,
             closure: self.closure,
             segments: self.segments,
-            ..StencilConfig::default()
+            ..StencilConfig::for_ball(ball_diameter_mm)
         };
         config.knuckles = self.knuckles.unwrap_or(config.knuckles);
         self.sizes.apply(&mut config);
@@ -238,21 +239,26 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let pieces = piece_files();
     let replaced = FILES.into_iter().chain(pieces.iter().map(String::as_str));
     set.publish(&replaced.collect::<Vec<_>>(), &[], "stencil.json")?;
+    warn_of_small_dots(config.ball_diameter_mm, config.hole_diameter_mm);
     print_words(&stencil);
     outln!("written to {}", dir.display());
     Ok(())
 }
 
-/// A rejection because a hole is too near a rim or the hinge, with the largest hole that fits.
+/// A rejection because of the holes, with the largest that fits.
 fn with_largest(error: Error, pattern: &Pattern, config: &StencilConfig) -> Error {
+    let of_holes = ["hole_diameter_mm", "seam_margin_rad", "hinge_length_mm"];
     match error {
-        Error::Argument { parameter, problem }
-            if ["seam_margin_rad", "hinge_length_mm"].contains(&parameter.as_str()) =>
-        {
-            let fits = Stencil::largest_hole_mm(pattern, config).map_or(String::new(), |mm| {
-                format!("; holes of at most {mm:.1} mm fit")
-            });
-            Error::argument(parameter.as_str().to_owned(), problem + &fits)
+        Error::Argument { parameter, problem } if of_holes.contains(&parameter.as_str()) => {
+            let fits = match Stencil::largest_hole_mm(pattern, config) {
+                Some(mm) => format!("holes of at most {mm:.1} mm fit"),
+                None => "no hole fits".to_owned(),
+            };
+            let problem = match problem.contains(&fits) {
+                true => problem,
+                false => format!("{problem}; beside hinge and rims {fits}"),
+            };
+            Error::argument(parameter.as_str().to_owned(), problem)
         }
         other => other,
     }

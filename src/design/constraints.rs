@@ -226,6 +226,14 @@ impl Constraints {
 
     /// The constraint that a pattern violates, or `None`.
     pub fn missed(&self, pattern: &Pattern) -> Option<String> {
+        self.missed_but_stencil(pattern).or_else(|| {
+            let rejected = Stencil::check(pattern, self.stencil.as_ref()?).err()?;
+            Some(format!("{NO_STENCIL} ({rejected})"))
+        })
+    }
+
+    /// As [`Self::missed`], whether or not the pattern has a stencil.
+    pub(super) fn missed_but_stencil(&self, pattern: &Pattern) -> Option<String> {
         let separation = self.separation(pattern);
         let deg = f64::to_degrees;
         if separation < self.min_separation_rad - ANGLE_TOLERANCE {
@@ -250,9 +258,7 @@ impl Constraints {
                 }
             }
         }
-        let rejected = self.stencil.as_ref()?;
-        let rejected = Stencil::check(pattern, rejected).err()?;
-        Some(format!("{NO_STENCIL} ({rejected})"))
+        None
     }
 
     /// Minimum angle between two dots of which one is not drawn yet, radians.

@@ -3,14 +3,14 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::stats::Proportion;
+use crate::stats::{Proportion, or_nan};
 
 /// A camera that is to rank the finalists of a search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CameraRequest {
     /// The camera's conditions, as JSON.
     pub conditions: serde_json::Value,
-    /// Frames of a finalist that is not clearly worse than the best.
+    /// Frames of a finalist that is not clearly worse than the best: half rank, half measure.
     pub frames: u64,
     /// Their seed.
     pub seed: u64,
@@ -26,7 +26,7 @@ pub struct CameraRecord {
     pub finalists: Vec<CameraRank>,
 }
 
-/// A finalist's rates on the camera's frames.
+/// A finalist's rates on frames of the camera that did not rank it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CameraRank {
     /// The start it came from.
@@ -35,8 +35,10 @@ pub struct CameraRank {
     pub right: Proportion,
     /// Frames answered with a larger one.
     pub wrong: Proportion,
-    /// Mean error of the right ones, degrees.
+    /// Mean error of the right ones, degrees; this and the next are NaN without any, which JSON has as null.
+    #[serde(deserialize_with = "or_nan")]
     pub mean_error_deg: f64,
-    /// Root mean square error over `sqrt(right - 2 wrong)`, degrees: what they are ranked by.
+    /// Root mean square error over `sqrt(right - 2 wrong)`, degrees: what the race ranks by.
+    #[serde(deserialize_with = "or_nan")]
     pub effective_error_deg: f64,
 }

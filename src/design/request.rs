@@ -9,7 +9,7 @@ use super::objective::bound::BoundSummary;
 use super::objective::{Objective, ObjectiveName};
 use super::search::feasible::packed_separation;
 use super::views::DesignViews;
-use crate::ball::{USUAL_BALL_MM, usual_dot_mm};
+use crate::ball::USUAL_BALL_MM;
 use crate::error::{Error, Result, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::recognize::RecognizerName;
@@ -234,12 +234,10 @@ impl DesignRequest {
 
     /// The stencil that draws the pattern.
     pub fn stencil(&self) -> StencilConfig {
+        let usual = StencilConfig::for_ball(self.ball_diameter_mm);
         StencilConfig {
-            ball_diameter_mm: self.ball_diameter_mm,
-            hole_diameter_mm: self
-                .dot_diameter_mm
-                .unwrap_or_else(|| usual_dot_mm(self.ball_diameter_mm)),
-            ..StencilConfig::default()
+            hole_diameter_mm: self.dot_diameter_mm.unwrap_or(usual.hole_diameter_mm),
+            ..usual
         }
     }
 

@@ -72,6 +72,24 @@ fn size_stands_within(start: &[u8]) -> u64 {
     MAX_HEAD + u64::from(directory.unwrap_or(0))
 }
 
+/// The number of pictures of an animated PNG: its decoder gives the first alone.
+fn animation(bytes: &[u8]) -> Option<u32> {
+    let mut rest = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n")?;
+    loop {
+        let (length, after) = rest.split_first_chunk()?;
+        let (kind, after) = after.split_first_chunk::<4>()?;
+        match kind {
+            b"acTL" => {
+                let count = u32::from_be_bytes(*after.first_chunk()?);
+                return (count > 1).then_some(count);
+            }
+            b"IDAT" => return None,
+            // And its checksum.
+            _ => rest = after.get(u32::from_be_bytes(*length) as usize + 4..)?,
+        }
+    }
+}
+
 fn no_image(path: &Path) -> Error {
     let problem = "expected a PNG, JPEG, BMP, TIFF or PNM file, found none of them";
     Error::input(path, "image", problem)
@@ -126,6 +144,12 @@ impl Picture {
         if reader.format().is_none() {
             return Err(no_image(path));
         }
+        if let Some(count) = animation(bytes) {
+            let problem = format!(
+                "expected one picture, found an animation of {count}: ffmpeg makes single ones of it (ffmpeg -i FILE f%06d.png)"
+            );
+            return Err(reject(problem));
+        }
         // Some decoders explain themselves in several lines.
         let broken = |e: image::ImageError| {
             let words = e.to_string();
@@ -136,7 +160,7 @@ impl Picture {
         let (width, height) = decoder.dimensions();
         if u64::from(width) * u64::from(height) > max_pixels {
             let problem = format!(
-                "expected at most {max_pixels} pixels, found {width} x {height} (--max-pixels allows more)"
+                "expected at most {max_pixels} pixels, found {width} x {height} (estimate --max-pixels allows more)"
             );
             return Err(reject(problem));
         }

@@ -24,6 +24,7 @@
 //! ```
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
@@ -89,6 +90,13 @@ pub trait JobObserver: DesignObserver {
 
     /// The job's current work, in words.
     fn step(&mut self, _what: &str) {}
+
+    /// A camera begins to rank the finalists, on so many frames; what it returns learns how many more are
+    /// read or spared.
+    fn ranks(&mut self, _frames: u64) -> Arc<dyn Fn(u64) + Send + Sync> {
+        self.step("ranking the finalists for the camera");
+        Arc::new(|_| ())
+    }
 
     /// The command that reproduces the completed search, for the report; `None` where there is
     /// none.
@@ -194,7 +202,7 @@ impl DesignJob {
             command: observer.command(&self.config),
             camera: self.camera.clone(),
         };
-        let mut keeper = Keeper::new(self, Some(record), observer);
+        let mut keeper = Keeper::new(self, Some(record), stop, observer);
         let done = search_rounds(&shard.config(&self.config), &mut state, stop, &mut keeper)?;
         keeper.save(&state)?;
         Ok(done)
@@ -258,7 +266,7 @@ impl DesignJob {
     ) -> Result<DesignEvaluation> {
         let clock = Instant::now();
         observer.begins(&state);
-        let mut keeper = Keeper::new(self, None, observer);
+        let mut keeper = Keeper::new(self, None, stop, observer);
         let outcome = design(&self.config, &mut state, stop, &mut keeper)?;
         let camera = keeper.camera;
         let search_s = clock.elapsed().as_secs_f64();
@@ -441,6 +449,7 @@ fn finished_shards(job: &DesignJob, paths: &[PathBuf]) -> Result<Vec<SearchState
 struct Keeper<'a> {
     job: &'a DesignJob,
     shard: Option<ShardRecord>,
+    stop: &'a AtomicBool,
     observer: &'a mut dyn JobObserver,
     /// How a camera ranks the finalists.
     camera: Option<CameraRecord>,
@@ -452,11 +461,13 @@ impl<'a> Keeper<'a> {
     fn new(
         job: &'a DesignJob,
         shard: Option<ShardRecord>,
+        stop: &'a AtomicBool,
         observer: &'a mut dyn JobObserver,
     ) -> Self {
         Self {
             job,
             shard,
+            stop,
             observer,
             camera: None,
             saved: None,
@@ -506,8 +517,11 @@ impl DesignObserver for Keeper<'_> {
     fn rank(&mut self, finalists: &mut [Candidate]) -> Result<()> {
         #[cfg(feature = "vision")]
         if let Some(request) = &self.job.camera {
-            self.observer.step("ranking the finalists for the camera");
-            self.camera = Some(crate::camera::rank_finalists(request, finalists)?);
+            let frames = crate::camera::RaceConfig::of_frames(request.frames).frames();
+            let done = self
+                .observer
+                .ranks(frames.saturating_mul(finalists.len() as u64));
+            self.camera = crate::camera::rank_finalists(request, finalists, self.stop, &*done)?;
         }
         self.observer.rank(finalists)
     }

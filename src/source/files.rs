@@ -1,17 +1,17 @@
 //! The files that hold frames: images, folders of them and videos, in the order in which they were taken.
 //!
-//! Folders are read for files with the extension of an image. Names are sorted by number and not by
+//! Folders are read for files with the extension of an image; hidden files are none. Names are sorted by number and not by
 //! letter: runs of digits compare as numbers, so that "3333333" comes before "103333323". Images
 //! and videos whose metadata says that the camera was rotated are rotated upright. Times: a file's
 //! stem as an integer is nanoseconds (SpinDOE's convention); a video's frames have the container's
-//! own time stamps, even or not; [`frame_table`](crate::clip::frame_table) reads others from a table.
+//! own time stamps, even or not; the pages of a TIFF file have none; [`frame_table`](crate::clip::frame_table) reads others from a table.
 //! [`video`](super::video) reads the frames of videos.
 
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 use super::video::VideoSource;
-use super::{Frame, FrameSource, stem};
+use super::{Frame, FrameSource, stack, stem};
 use crate::error::{Error, Result};
 use crate::image::Picture;
 
@@ -20,8 +20,9 @@ const IMAGES: [&str; 10] = [
     "png", "jpg", "jpeg", "bmp", "tif", "tiff", "pgm", "ppm", "pnm", "pbm",
 ];
 /// Endings of video files, lower case.
-const VIDEOS: [&str; 9] = [
-    "mp4", "avi", "mov", "mkv", "webm", "m4v", "mpg", "mpeg", "wmv",
+const VIDEOS: [&str; 19] = [
+    "mp4", "avi", "mov", "mkv", "webm", "m4v", "mpg", "mpeg", "wmv", "ts", "mts", "m2ts", "3gp",
+    "flv", "h264", "264", "h265", "265", "hevc",
 ];
 
 /// Compares names in natural order: runs of digits as numbers, the rest by letter. Names that
@@ -143,10 +144,14 @@ pub fn list_sources(paths: &[PathBuf]) -> Result<SourceList> {
         let path = &frames_of(path);
         for entry in std::fs::read_dir(path).map_err(|e| Error::read(path, e))? {
             let file = entry.map_err(|e| Error::read(path, e))?.path();
+            let name = file.file_name().unwrap_or_default();
+            if name.as_encoded_bytes().starts_with(b".") {
+                // What a system keeps for itself, such as macOS beside each file of a copied folder.
+                continue;
+            }
             if has_ending(&file, &IMAGES) && file.is_file() {
                 found.push(file);
             } else {
-                let name = file.file_name().unwrap_or_default();
                 skipped.push(name.to_string_lossy().into_owned());
             }
         }
@@ -210,30 +215,86 @@ pub fn open(source: &Source, max_pixels: u64) -> Result<Box<dyn FrameSource + Se
         Source::Image(path) => Box::new(ImageFile {
             path: path.clone(),
             max_pixels,
-            is_read: false,
+            read: 0,
+            stack: None,
         }),
         Source::Video(path) => Box::new(VideoSource::open(path, max_pixels)?),
     })
 }
 
-/// One image.
+/// An image file: one picture, or the pages of a TIFF file.
 struct ImageFile {
     path: PathBuf,
     max_pixels: u64,
-    is_read: bool,
+    read: usize,
+    stack: Option<Stack>,
+}
+
+/// A file of several pages.
+struct Stack {
+    bytes: Vec<u8>,
+    pages: Vec<u64>,
+}
+
+/// Bytes of the largest stack.
+const MAX_STACK: u64 = 4 << 30;
+
+impl ImageFile {
+    /// The stack that the file is; none for a file of one picture, and for one that is no TIFF.
+    fn stack(&self) -> Result<Option<Stack>> {
+        let is_file = std::fs::metadata(&self.path).is_ok_and(|m| m.is_file());
+        let starts_as_tiff = || {
+            let mut start = [0; 4];
+            let mut file = std::fs::File::open(&self.path).ok()?;
+            std::io::Read::read_exact(&mut file, &mut start).ok()?;
+            stack::is_tiff(&start).then_some(())
+        };
+        // What cannot be read is said when its picture is.
+        if !is_file || starts_as_tiff().is_none() {
+            return Ok(None);
+        }
+        let bytes = crate::files::read_at_most(&self.path, MAX_STACK)?;
+        let pages = stack::pages(&bytes);
+        Ok((pages.len() > 1).then_some(Stack { bytes, pages }))
+    }
 }
 
 impl FrameSource for ImageFile {
     fn next_frame(&mut self, frame: &mut Frame) -> Result<bool> {
-        if std::mem::replace(&mut self.is_read, true) {
+        let name = stem(&self.path);
+        let k = self.read;
+        self.read += 1;
+        let mut failed = None;
+        if k == 0 {
+            match self.stack() {
+                Ok(stack) => self.stack = stack,
+                Err(error) => failed = Some(error),
+            }
+        }
+        if let Some(Stack { bytes, pages }) = &mut self.stack {
+            let Some(page) = pages.get(k) else {
+                return Ok(false);
+            };
+            let name = format!("{name}_{:06}", self.read);
+            *frame = Frame {
+                path: self.path.with_file_name(&name),
+                name,
+                picture: stack::read_page(&self.path, bytes, *page, self.max_pixels),
+                ..Frame::default()
+            };
+            return Ok(true);
+        }
+        if k > 0 {
             return Ok(false);
         }
-        let name = stem(&self.path);
         *frame = Frame {
             time_s: time_of_stem(&name),
             name,
             path: self.path.clone(),
-            picture: Picture::read(&self.path, self.max_pixels),
+            picture: match failed {
+                Some(error) => Err(error),
+                None => Picture::read(&self.path, self.max_pixels),
+            },
             ..Frame::default()
         };
         Ok(true)

@@ -9,6 +9,7 @@
 pub mod files;
 pub mod grab;
 pub mod pipe;
+mod stack;
 pub mod video;
 
 use std::path::Path;

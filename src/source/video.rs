@@ -12,7 +12,7 @@ use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
-use std::sync::mpsc;
+use std::sync::{OnceLock, mpsc};
 use std::thread::JoinHandle;
 
 use super::pipe::{PipeFormat, PipeReader};
@@ -23,6 +23,36 @@ use crate::error::{Error, Result};
 const TIME_ROUNDING_S: f64 = 2.1e-3;
 /// Ratio of the rate of capture to the rate as stored from which on a video is slow motion.
 const SLOW_MOTION: f64 = 1.2;
+
+/// Endings of raw streams, whose frames have no times: what ffmpeg logs of them is its guess.
+const RAW_STREAMS: [&str; 5] = ["h264", "264", "h265", "265", "hevc"];
+
+/// The option that leaves the frames as they are: `-fps_mode` from ffmpeg 5.1 on, before it `-vsync`, which went with 9.
+fn passthrough() -> &'static str {
+    static OPTION: OnceLock<&str> = OnceLock::new();
+    OPTION.get_or_init(|| {
+        let said = Command::new("ffmpeg")
+            .arg("-version")
+            .stdin(Stdio::null())
+            .output();
+        let said = said.map(|output| String::from_utf8_lossy(&output.stdout).into_owned());
+        option_of(&said.unwrap_or_default())
+    })
+}
+
+/// The option by what `ffmpeg -version` prints; one that names no release is newer than all.
+fn option_of(version: &str) -> &'static str {
+    let words = version.strip_prefix("ffmpeg version ").unwrap_or_default();
+    let mut numbers = words
+        .trim_start_matches('n')
+        .split(['.', '-', ' '])
+        .map(str::parse::<u32>);
+    let mut next = || numbers.next().and_then(|number| number.ok());
+    match (next(), next()) {
+        (Some(major), minor) if (major, minor.unwrap_or(0)) < (5, 1) => "-vsync",
+        _ => "-fps_mode",
+    }
+}
 
 /// What a container says of its frames' times.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -73,6 +103,7 @@ pub struct VideoSource {
     stamps: mpsc::Receiver<Option<f64>>,
     log: Option<JoinHandle<DecoderLog>>,
     times_s: Vec<Option<f64>>,
+    is_raw: bool,
     end: SourceEnd,
 }
 
@@ -89,7 +120,7 @@ impl VideoSource {
         let mut child = Command::new("ffmpeg")
             .args(["-nostdin", "-hide_banner", "-i"])
             .arg(file)
-            .args(["-map", "0:v:0", "-vf", "showinfo", "-fps_mode", "passthrough"])
+            .args(["-map", "0:v:0", "-vf", "showinfo", passthrough(), "passthrough"])
             .args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt", "rgb24", "-"])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -120,6 +151,10 @@ impl VideoSource {
             stamps,
             log: Some(std::thread::spawn(read_log)),
             times_s: Vec::new(),
+            is_raw: {
+                let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+                ending.is_some_and(|e| RAW_STREAMS.contains(&e.as_str()))
+            },
             end: SourceEnd::default(),
         })
     }
@@ -155,7 +190,8 @@ impl FrameSource for VideoSource {
             return Ok(false);
         }
         // ffmpeg logs a frame before it writes it.
-        frame.time_s = self.stamps.recv().ok().flatten();
+        let stamp = self.stamps.recv().ok().flatten();
+        frame.time_s = stamp.filter(|_| !self.is_raw);
         self.times_s.push(frame.time_s);
         frame.name = format!("{}_{:06}", stem(&self.path), self.times_s.len());
         frame.path = self.path.with_file_name(&frame.name);
@@ -186,6 +222,10 @@ pub struct DecoderLog {
     pub capture_fps: Option<f64>,
     /// How long the container says that the video is, seconds.
     pub duration_s: Option<f64>,
+    /// When it says that it starts, seconds.
+    pub start_s: f64,
+    /// Whether there is sound, which may be longer than the pictures.
+    pub has_sound: bool,
     /// Why some of its frames are missing, where some are: ffmpeg goes on after damage, and ends as if nothing were.
     pub damage: Option<String>,
     /// The last line that says anything else.
@@ -227,7 +267,13 @@ impl DecoderLog {
                 let rate = rest.trim_start_matches([' ', ':']).trim().parse().ok();
                 log.capture_fps = rate.filter(|r: &f64| *r > 0.0 && r.is_finite());
             } else if let Some((_, rest)) = line.split_once("Duration: ") {
-                log.duration_s = rest.split(',').next().and_then(seconds);
+                let mut parts = rest.split(',');
+                log.duration_s = parts.next().and_then(seconds);
+                let start =
+                    parts.find_map(|part| part.trim().strip_prefix("start: ")?.parse().ok());
+                log.start_s = start.filter(|s: &f64| s.is_finite()).unwrap_or(0.0);
+            } else if line.trim_start().starts_with("Stream #") && line.contains(" Audio: ") {
+                log.has_sound = true;
             } else if !line.trim().is_empty() {
                 if log.damage.is_none() && is_damage(&line) {
                     log.damage = Some(line.clone());
@@ -239,8 +285,9 @@ impl DecoderLog {
     }
 
     /// Compares the times of the frames with the duration that the container states: where they end early, that is damage.
+    /// With sound beside them it is not known when they should end.
     pub fn compare_with_duration(&mut self) {
-        let (Some(duration), None) = (self.duration_s, &self.damage) else {
+        let (Some(duration), None, false) = (self.duration_s, &self.damage, self.has_sound) else {
             return;
         };
         let mut known = self.times.iter().flatten();
@@ -249,7 +296,8 @@ impl DecoderLog {
         };
         let steps = self.times.len().saturating_sub(1).max(1) as f64;
         let step = (last - first) / steps;
-        let missing = duration - (last - first) - step;
+        // Pictures may begin late; ffmpeg takes the container's start off their times, and not off its duration.
+        let missing = duration - self.start_s.max(0.0) - last.max(last - first) - step;
         if missing > MISSING.0 * duration && missing > MISSING.1 * step {
             self.damage = Some(format!(
                 "it states {duration:.2} s, and its pictures end after {:.2} s",
@@ -303,6 +351,36 @@ mod tests {
             assert_eq!(log(count, "").damage, None, "{count}");
         }
         assert_eq!(log(1, "").damage, None);
+        // Nor is one whose sound is longer, or whose pictures begin late.
+        let sound =
+            "  Stream #0:1[0x2](und): Audio: aac (LC), 44100 Hz, mono, fltp, 69 kb/s (default)\n";
+        assert_eq!(log(30, sound).damage, None);
+        let mut late = DecoderLog {
+            duration_s: Some(2.0),
+            times: (30..60).map(|k| Some(f64::from(k) / 30.0)).collect(),
+            ..DecoderLog::default()
+        };
+        late.compare_with_duration();
+        assert_eq!(late.damage, None);
+    }
+
+    #[test]
+    fn the_option_is_that_of_the_release() {
+        for (version, option) in [
+            (
+                "ffmpeg version 4.2.7-0ubuntu0.1 Copyright (c) 2000-2022",
+                "-vsync",
+            ),
+            ("ffmpeg version 5.0.1 Copyright", "-vsync"),
+            ("ffmpeg version n4.4.2 Copyright", "-vsync"),
+            ("ffmpeg version 5.1.6-0+deb12u1 Copyright", "-fps_mode"),
+            ("ffmpeg version 7.1 Copyright", "-fps_mode"),
+            ("ffmpeg version 9.0", "-fps_mode"),
+            ("ffmpeg version N-112233-gabcdef0123 Copyright", "-fps_mode"),
+            ("", "-fps_mode"),
+        ] {
+            assert_eq!(option_of(version), option, "{version}");
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The stencil's parameters, their defaults and their domains.
 
 use super::segments;
+use crate::ball::{USUAL_BALL_MM, usual_dot_mm};
 use crate::error::{Result, require};
 
 /// Smallest hole that is made, mm.
@@ -11,6 +12,8 @@ pub(super) const MIN_WEB_MM: f64 = 0.2;
 /// and lines of width w, the dome's layers lean out by more than a line where it is flatter than
 /// atan(h / w): 24 degrees for 0.2 and 0.45 mm.
 const CEILING_RAD: f64 = 25.0 * std::f64::consts::PI / 180.0;
+/// The hinge's screws, nominal diameters, mm: a small ball's rim leaves room for a thin one only.
+const SCREWS_MM: [f64; 4] = [3.0, 2.5, 2.0, 1.6];
 /// Clearance of a pen's tip in its hole, per side, mm: printers draw holes too small.
 const PEN_PLAY_MM: f64 = 0.2;
 
@@ -53,7 +56,7 @@ impl std::str::FromStr for Closure {
 /// ([`super::coupon`]).
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StencilConfig {
-    /// Diameter of the ball, mm. Default 40.0. Table-tennis balls are 40.0 to 40.6 mm: measure
+    /// Diameter of the ball, mm, 10 to 400. Default 40.0. Table-tennis balls are 40.0 to 40.6 mm: measure
     /// yours.
     pub ball_diameter_mm: f64,
     /// Gap between ball and shell, per side, mm. Default 0.2.
@@ -144,6 +147,34 @@ impl Default for StencilConfig {
 }
 
 impl StencilConfig {
+    /// The defaults for a ball of this diameter, mm: [`StencilConfig::default`] but for dots of a tenth of it. Below
+    /// 40 mm shell, hinge, tab and webs become smaller, less than in proportion: at 10 mm they are as thin as a
+    /// nozzle of 0.4 mm prints them and as short as knuckles may be.
+    pub fn for_ball(ball_diameter_mm: f64) -> Self {
+        let usual = Self {
+            ball_diameter_mm,
+            hole_diameter_mm: usual_dot_mm(ball_diameter_mm),
+            ..Self::default()
+        };
+        if ball_diameter_mm.is_nan() || ball_diameter_mm >= USUAL_BALL_MM {
+            return usual;
+        }
+        let of = |least: f64, of_ball: f64| least + of_ball * ball_diameter_mm;
+        let screws = SCREWS_MM.into_iter();
+        Self {
+            wall_mm: of(0.8, 0.05),
+            taper_rad: of(10.0, 0.5).to_radians(),
+            min_web_mm: of(0.4, 0.01),
+            screw_diameter_mm: screws.fold(SCREWS_MM[0], |thick, thin| {
+                if thick > of(1.2, 0.045) { thin } else { thick }
+            }),
+            hinge_length_mm: of(2.4, 0.315),
+            knuckle_wall_mm: of(0.7, 0.0125),
+            tab_mm: of(1.5, 0.1125),
+            ..usual
+        }
+    }
+
     /// Inner radius of the shell, mm.
     pub fn inner_radius_mm(&self) -> f64 {
         0.5 * self.ball_diameter_mm + self.clearance_mm
@@ -200,7 +231,7 @@ impl StencilConfig {
     pub fn validate(&self) -> Result<()> {
         let r = 0.5 * self.ball_diameter_mm;
         let lengths = [
-            ("ball_diameter_mm", self.ball_diameter_mm, 20.0, 400.0),
+            ("ball_diameter_mm", self.ball_diameter_mm, 10.0, 400.0),
             ("clearance_mm", self.clearance_mm, 0.0, 0.1 * r),
             ("nozzle_mm", self.nozzle_mm, 0.1, 1.2),
             ("wall_mm", self.wall_mm, 2.0 * self.nozzle_mm, 0.5 * r),

@@ -22,12 +22,12 @@ const CONE_FRACTION: f64 = 0.2;
 const FLAT_MM: f64 = 0.4;
 /// Gap between a rim and the other half's ledge, mm: the halves rest on each other here.
 const LEDGE_GAP_MM: f64 = 0.1;
-/// How far the arms of the hinge rise above the ledge, mm.
-const ARM_MM: f64 = 3.0;
-/// Thickness of the thumb tab, mm.
-const TAB_THICKNESS_MM: f64 = 3.0;
-/// Width of the thumb tab, mm.
-const TAB_WIDTH_MM: f64 = 12.0;
+/// How far the arms of the hinge rise above the ledge, mm, and at most as a part of the shell's radius.
+const ARM: (f64, f64) = (3.0, 0.14);
+/// Thickness of the thumb tab, mm, and at most as a part of the shell's radius.
+const TAB_THICKNESS: (f64, f64) = (3.0, 0.14);
+/// Width of the thumb tab, mm, and at most as a part of the shell's radius.
+const TAB_WIDTH: (f64, f64) = (12.0, 0.5);
 /// How far the inner lip may narrow the ball's passage, as a fraction of the ball's radius: more
 /// would overstretch a printed ring.
 const MAX_SNAP: f64 = 0.012;
@@ -96,6 +96,7 @@ impl Joint {
         let cone_narrow_mm = narrow(inner) + lip_thickness_mm + half_gap_mm;
         let axis_mm = outer + config.knuckle_clearance_mm + knuckle_radius_mm;
         let gaps = (config.knuckles - 1) as f64 * config.knuckle_clearance_mm;
+        let at_most = |(mm, of_radius): (f64, f64)| mm.min(of_radius * outer);
         let joint = Self {
             lip_mm,
             cone_wide_mm,
@@ -107,9 +108,9 @@ impl Joint {
             knuckle_radius_mm,
             bore_radius_mm,
             knuckle_mm: (config.hinge_length_mm - gaps) / config.knuckles as f64,
-            arm_mm: lip_mm + LEDGE_GAP_MM + ARM_MM,
-            tab_thickness_mm: TAB_THICKNESS_MM,
-            tab_width_mm: TAB_WIDTH_MM.min(0.5 * outer),
+            arm_mm: lip_mm + LEDGE_GAP_MM + at_most(ARM),
+            tab_thickness_mm: at_most(TAB_THICKNESS),
+            tab_width_mm: at_most(TAB_WIDTH),
         };
         joint.refuse_thin_walls(config)?;
         Ok(joint)

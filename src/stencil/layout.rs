@@ -7,6 +7,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
+use crate::concurrency;
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
 use crate::pattern::{KeepOut, Pattern};
@@ -22,6 +23,8 @@ const MAX_SHUT: usize = 40;
 const AZIMUTHS: usize = 120;
 /// Distance of the points that stand for a surface, mm.
 const SPACING_MM: f64 = 1.0;
+/// Rounding of a distance, mm.
+const ROUNDING_MM: f64 = 1e-9;
 /// A hole that misses a rim's edge by less than this counts as cutting it, mm: tangent circles have
 /// no certain topology.
 const TANGENT_MM: f64 = 0.05;
@@ -220,7 +223,18 @@ fn ledge_web(dot: &Vec3, name: HalfName, config: &StencilConfig, joint: &Joint) 
     }
 }
 
-/// A seam with its best hinge position.
+/// A seam with its best hinge position, which is the same whatever the holes' diameter.
+struct Place {
+    seam: Seam,
+    rotation: Rotation,
+    /// The dots in the stencil's frame.
+    dots: Vec<Vec3>,
+    /// Minimum distance of a hole from hinge or tab were its throat a line, mm: every hole is nearer by
+    /// the throat's radius.
+    bare_mm: f64,
+}
+
+/// What holes do at a place.
 struct Trial {
     layout: Layout,
     /// The thinnest web that a hole leaves at a rim and its dot, where one is too thin.
@@ -262,6 +276,8 @@ impl Obstacle {
 struct Obstacles {
     hinge: Obstacle,
     tab: Obstacle,
+    /// The stencil with holes whose throats are lines.
+    bare: StencilConfig,
 }
 
 impl Obstacles {
@@ -269,52 +285,68 @@ impl Obstacles {
         Self {
             hinge: Obstacle::new(hinge_points(config, joint), Vec3::x()),
             tab: Obstacle::new(tab_points(config, joint), -Vec3::x()),
+            bare: StencilConfig {
+                hole_diameter_mm: 0.0,
+                ..config.clone()
+            },
         }
     }
 
-    /// Minimum distance of a hole from hinge or tab for dots in the stencil's frame, mm. Stops
-    /// early below `enough`.
-    fn clearance(&self, dots: &[Vec3], config: &StencilConfig, enough: f64) -> f64 {
+    /// [`Place::bare_mm`] of dots in the stencil's frame, those nearest to hinge and tab first. Stops early at or
+    /// below `enough`.
+    fn clearance(&self, dots: &[Vec3], enough: f64) -> f64 {
         let mut clearance = f64::INFINITY;
         for d in dots {
             // The hinge's arms reach up on both sides of the seam.
             let up = Vec3::new(d.x, d.y, d.z.abs());
             for (dot, obstacle) in [(&up, &self.hinge), (d, &self.tab)] {
-                if !obstacle.is_beyond(clearance, dot, config) {
-                    clearance = clearance.min(distance_to_hole(dot, &obstacle.points, config));
+                if !obstacle.is_beyond(clearance, dot, &self.bare) {
+                    let distance = distance_to_hole(dot, &obstacle.points, &self.bare);
+                    clearance = clearance.min(distance);
                 }
             }
-            if clearance < enough {
+            if clearance <= enough {
                 break;
             }
         }
         clearance
     }
+
+    /// The best hinge position along `seam`, where one is clear of the holes by more than `enough`, as
+    /// [`Place::bare_mm`] counts.
+    fn place(&self, seam: Seam, pattern: &[Vec3], enough: f64) -> Option<Place> {
+        let [u, v] = tangent_frame(&seam.normal);
+        let mut best = (enough, None);
+        let mut dots: Vec<Vec3> = Vec::with_capacity(pattern.len());
+        for i in 0..AZIMUTHS {
+            let (sin, cos) = (std::f64::consts::TAU * i as f64 / AZIMUTHS as f64).sin_cos();
+            let x = cos * u + sin * v;
+            let y = seam.normal.cross(&x);
+            let rows = [x.transpose(), y.transpose(), seam.normal.transpose()];
+            let matrix = nalgebra::Matrix3::from_rows(&rows);
+            let turn = nalgebra::Rotation3::from_matrix_unchecked(matrix);
+            dots.clear();
+            dots.extend(pattern.iter().map(|d| turn * d));
+            // Hinge and tab lie on the x axis: the nearest dots decide, and most positions fail by one.
+            dots.sort_unstable_by(|a, b| b.x.abs().total_cmp(&a.x.abs()));
+            let clearance = self.clearance(&dots, best.0);
+            if clearance > best.0 {
+                best = (clearance, Some(turn));
+            }
+        }
+        let (bare_mm, turn) = (best.0, best.1?);
+        Some(Place {
+            seam,
+            rotation: Rotation::from_rotation_matrix(&turn),
+            dots: pattern.iter().map(|d| turn * d).collect(),
+            bare_mm,
+        })
+    }
 }
 
-/// The best hinge position along `seam`.
-fn try_seam(
-    seam: Seam,
-    pattern: &[Vec3],
-    config: &StencilConfig,
-    joint: &Joint,
-    obstacles: &Obstacles,
-) -> Trial {
-    let [u, v] = tangent_frame(&seam.normal);
-    let mut best = (f64::NEG_INFINITY, Rotation::identity(), Vec::new());
-    for i in 0..AZIMUTHS {
-        let (sin, cos) = (std::f64::consts::TAU * i as f64 / AZIMUTHS as f64).sin_cos();
-        let x = cos * u + sin * v;
-        let y = seam.normal.cross(&x);
-        let rows = [x.transpose(), y.transpose(), seam.normal.transpose()];
-        let turn = nalgebra::Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_rows(&rows));
-        let dots: Vec<Vec3> = pattern.iter().map(|d| turn * d).collect();
-        let clearance = obstacles.clearance(&dots, config, best.0);
-        if clearance > best.0 {
-            best = (clearance, Rotation::from_rotation_matrix(&turn), dots);
-        }
-    }
-    let (clearance_mm, rotation, dots) = best;
+/// What the holes of this diameter do at a place.
+fn judged(place: &Place, config: &StencilConfig, joint: &Joint) -> Trial {
+    let dots = &place.dots;
     let mut thin: Option<(f64, usize)> = None;
     let mut cuts = Vec::with_capacity(dots.len());
     let mut ledge_mm = f64::INFINITY;
@@ -334,11 +366,11 @@ fn try_seam(
     }
     Trial {
         layout: Layout {
-            seam,
-            rotation,
-            dots,
+            seam: place.seam,
+            rotation: place.rotation,
+            dots: dots.clone(),
             cuts,
-            clearance_mm,
+            clearance_mm: place.bare_mm - 0.5 * config.hole_diameter_mm,
             zones: Vec::new(),
             windows: Vec::new(),
             closed: Vec::new(),
@@ -385,6 +417,7 @@ impl Layout {
     pub fn choose(pattern: &Pattern, config: &StencilConfig, joint: &Joint) -> Result<Self> {
         let (dots, zones) = (pattern.dots(), pattern.keep_out());
         let obstacles = Obstacles::new(config, joint);
+        let needed = config.min_web_mm + 0.5 * config.hole_diameter_mm;
         let mut clearest = f64::NEG_INFINITY;
         let mut thickest: Option<(f64, usize)> = None;
         let mut second: Option<Self> = None;
@@ -403,11 +436,16 @@ impl Layout {
             for sign in [1.0, -1.0] {
                 let normal = sign * seam.normal;
                 let seam = Seam { normal, ..seam };
-                let trial = try_seam(seam, dots, config, joint, &obstacles);
-                clearest = clearest.max(trial.layout.clearance_mm);
-                if trial.layout.clearance_mm < config.min_web_mm {
+                // What is neither wide enough nor the widest so far is of no interest.
+                let enough = clearest.min(needed - ROUNDING_MM);
+                let Some(place) = obstacles.place(seam, dots, enough) else {
+                    continue;
+                };
+                clearest = clearest.max(place.bare_mm);
+                if place.bare_mm < needed {
                     continue;
                 }
+                let trial = judged(&place, config, joint);
                 if let Some(thin) = trial.thin {
                     if thickest.is_none_or(|t| thin.0 > t.0) {
                         thickest = Some(thin);
@@ -446,10 +484,45 @@ impl Layout {
                 "hinge_length_mm",
                 format!(
                     "wherever it lies, a hole goes through hinge or thumb tab: the best place leaves \
-                     {clearest:.2} mm between them, expected at least {} mm",
+                     {:.2} mm between them, expected at least {} mm",
+                    clearest - 0.5 * config.hole_diameter_mm,
                     config.min_web_mm
                 ),
             ),
+        })
+    }
+
+    /// Of these hole diameters, descending, the first with which [`Layout::choose`] succeeds. Every seam's hinge is
+    /// placed once: its clearance bounds the holes, and what they do to the rims is quickly found.
+    pub fn largest_hole_mm(
+        dots: &[Vec3],
+        diameters_mm: &[f64],
+        config: &StencilConfig,
+        joint: &Joint,
+    ) -> Option<f64> {
+        let smallest = diameters_mm.last()?;
+        let obstacles = Obstacles::new(config, joint);
+        let enough = config.min_web_mm + 0.5 * smallest - ROUNDING_MM;
+        let both = |seam: Seam| {
+            [1.0, -1.0].map(|sign| Seam {
+                normal: sign * seam.normal,
+                ..seam
+            })
+        };
+        let seams: Vec<Seam> = seam_candidates(dots).into_iter().flat_map(both).collect();
+        let places = concurrency::map(&seams, |seam| obstacles.place(*seam, dots, enough));
+        let places: Vec<Place> = places.into_iter().flatten().collect();
+        diameters_mm.iter().copied().find(|&hole_diameter_mm| {
+            let sized = StencilConfig {
+                hole_diameter_mm,
+                ..config.clone()
+            };
+            let needed = config.min_web_mm + 0.5 * hole_diameter_mm;
+            let mut clear = places.iter().filter(|place| place.bare_mm >= needed);
+            clear.any(|place| {
+                let trial = judged(place, &sized, joint);
+                trial.thin.is_none() && trial.ledge_mm > 0.0
+            })
         })
     }
 }

@@ -33,6 +33,6 @@ pub use frame::{
 };
 pub use optics::OffCenter;
 pub use optics::camera::{BallCircle, BallView, Camera, Pixel};
-pub use optics::intrinsics::Intrinsics;
+pub use optics::intrinsics::{Calibration, Intrinsics};
 pub use optics::lens::Lens;
 pub use outline::circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity, find_ball};

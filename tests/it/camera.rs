@@ -2,13 +2,22 @@
 //! that take a camera.
 
 use spindoe::camera::{
-    CameraConditions, CameraTrials, DotSize, FrameRates, RaceConfig, Racer, coverage, race_patterns,
+    CameraConditions, CameraTrials, DotSize, FrameRates, RaceConfig, Racer, Surroundings, coverage,
+    race_patterns,
 };
 use spindoe::pattern::shipped_designs;
 use spindoe::synth::sensor::Sensor;
 use spindoe::synth::{Scene, SynthConfig, dataset::frame_rng};
 
 use crate::common::{done, random_pattern, spindoe};
+
+/// The default camera in a dark room.
+fn in_the_dark() -> CameraConditions {
+    CameraConditions {
+        surroundings: Surroundings::Dark,
+        ..CameraConditions::default()
+    }
+}
 
 #[test]
 fn signals_are_what_the_image_shows() {
@@ -63,7 +72,7 @@ fn a_small_ball_is_less_exact_and_a_blurred_one_answered_less_often() {
         let outcomes = trials.frames(&designs[2].pattern, 0..160, &|_| ()).unwrap();
         FrameRates::of(&outcomes, 5)
     };
-    let usual = CameraConditions::default();
+    let usual = in_the_dark();
     let far = CameraConditions {
         ball_px: 20.0,
         ..usual
@@ -97,7 +106,7 @@ fn a_race_drops_a_pattern_that_the_camera_cannot_read() {
             dot_diameter: 0.1,
         })
         .collect();
-    let trials = CameraTrials::new(CameraConditions::default(), 6);
+    let trials = CameraTrials::new(in_the_dark(), 6);
     let config = RaceConfig {
         first_frames: 24,
         max_frames: 48,
@@ -106,12 +115,16 @@ fn a_race_drops_a_pattern_that_the_camera_cannot_read() {
     let count = |n| {
         read.fetch_add(n, std::sync::atomic::Ordering::Relaxed);
     };
-    let standings = race_patterns(&trials, &racers, &config, &count).unwrap();
+    let never = std::sync::atomic::AtomicBool::new(false);
+    let standings = race_patterns(&trials, &racers, &config, &never, &count).unwrap();
     assert_eq!((standings[0].entry, standings[1].left), (1, true));
     assert_eq!([48, 24], [0, 1].map(|k| standings[k].outcomes.len()));
-    assert!(race_patterns(&trials, &[], &config, &count).is_err());
+    assert!(race_patterns(&trials, &[], &config, &never, &count).is_err());
     // What is read and what is spared make the whole.
-    assert_eq!(read.into_inner(), 96);
+    assert_eq!(read.into_inner(), 192);
+    // What is reported are frames that the race has not seen.
+    let own = trials.frames(racers[1].pattern, 48..96, &|_| ()).unwrap();
+    assert_eq!(standings[0].outcomes, own);
     // The stencil of more dots has smaller holes.
     let hole = |name: &str| {
         let design = designs.iter().find(|d| d.name == name).unwrap();
@@ -127,7 +140,7 @@ fn spins_of_sequences_come_with_their_errors() {
     let designs = shipped_designs().unwrap();
     let slow = CameraConditions {
         rps: [20.0, 60.0],
-        ..CameraConditions::default()
+        ..in_the_dark()
     };
     let trials = CameraTrials::new(slow, 9);
     let spins = |frames| trials.spins(&designs[2].pattern, 24, frames, &|_| ());
@@ -168,18 +181,26 @@ fn the_command_advises_and_names_what_it_cannot_use() {
     assert_eq!(advice["conditions"]["exposure_s"], 2e-4);
     let shipped = shipped_designs().unwrap().len();
     assert_eq!(advice["patterns"].as_array().unwrap().len(), shipped);
-    // Those that stay to the end come first, the best before others, and alone have spins.
+    // Those that stay to the end come first, and alone have spins; half of the frames choose, half measure.
     let patterns = advice["patterns"].as_array().unwrap();
-    let stayed = patterns.iter().take_while(|p| !p["spin"].is_null());
-    let stayed: Vec<f64> = stayed
-        .map(|p| {
-            assert_eq!(p["frames"]["right"]["trials"], 100);
-            p["frames"]["effective_error_deg"].as_f64().unwrap()
-        })
-        .collect();
-    assert!(!stayed.is_empty() && stayed.is_sorted(), "{stayed:?}");
-    let left = &patterns[stayed.len()..];
+    let (stayed, left): (Vec<_>, Vec<_>) = patterns.iter().partition(|p| p["left"] == false);
+    for (k, pattern) in stayed.iter().enumerate() {
+        assert_eq!(pattern["frames"]["right"]["trials"], 50);
+        assert!(pattern["spin"].is_object());
+        assert_eq!(pattern["error_ratio"].is_null(), k == 0, "{pattern}");
+    }
+    assert!(stayed.len() > 1 && patterns[..stayed.len()].iter().eq(stayed));
     assert!(left.iter().all(|p| p["spin"].is_null()));
+    // The changes are tried on the scenes of the best pattern.
+    for change in advice["changes"].as_array().unwrap() {
+        assert_eq!(change["frames"]["right"]["trials"], 50);
+        let ratio = &change["error_ratio"];
+        let [low, high] = ["low", "high"].map(|end| ratio[end].as_f64().unwrap());
+        assert!(
+            low < ratio["ratio"].as_f64().unwrap() && low < high,
+            "{change}"
+        );
+    }
     for (text, flags, expected) in [
         ("ball = 3\n", &["--camera", "camera.toml"][..], "line 1"),
         (
@@ -209,13 +230,61 @@ fn the_command_advises_and_names_what_it_cannot_use() {
 }
 
 #[test]
+fn what_is_assumed_of_a_camera_comes_first() {
+    let dir = tempfile::tempdir().unwrap();
+    let few = ["dots20", "--samples", "4", "--config", "sequences=1"];
+    let words = |flags: &[&str]| done(dir.path(), &[&["advise"], &few[..], flags].concat());
+    let said = words(&[]);
+    let first = said.lines().next().unwrap();
+    for assumed in [
+        "any surroundings",
+        "60 pixels",
+        "350 frames",
+        "0 to 100 rps",
+    ] {
+        assert!(first.contains(assumed), "{first}");
+    }
+    let said = words(&[
+        "--camera",
+        "dark",
+        "--ball-px",
+        "30",
+        "--config",
+        "rps=0,40",
+    ]);
+    let first = said.lines().next().unwrap();
+    assert!(first.contains("350 frames"), "{first}");
+    for stated in ["surroundings", "pixels", "rps"] {
+        assert!(!first.contains(stated), "{first}");
+    }
+    // What is known of no frame is no number.
+    let blind = [
+        "validate",
+        "p.csv",
+        "--camera",
+        "any",
+        "--samples",
+        "4",
+        "--json",
+    ];
+    random_pattern(4, 1)
+        .write_csv(&dir.path().join("p.csv"))
+        .unwrap();
+    let frames: serde_json::Value = serde_json::from_str(&done(dir.path(), &blind)).unwrap();
+    assert_eq!(frames["orientation"]["successes"], 0);
+    for name in ["mean_error_deg", "median_error_deg"] {
+        assert!(frames[name].is_null(), "{frames}");
+    }
+}
+
+#[test]
 fn what_an_objective_assumes_follows_from_the_camera() {
     let assumed = |conditions: &CameraConditions| coverage(conditions, 20, &|_| ()).unwrap();
-    let usual = assumed(&CameraConditions::default());
+    let usual = assumed(&in_the_dark());
     let small = assumed(&CameraConditions {
         ball_px: 25.0,
         noise_levels: Some(8.0),
-        ..CameraConditions::default()
+        ..in_the_dark()
     });
     // Of a small ball in noise dots are found only nearer to the middle.
     assert!(

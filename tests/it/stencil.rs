@@ -380,6 +380,76 @@ fn refusals_name_the_largest_hole_that_fits() {
     }
 }
 
+/// The largest hole is that of trying all, from the largest on.
+#[test]
+fn the_largest_hole_is_the_first_that_fits_of_all() {
+    for (dots, seed) in [(12, 1), (24, 2), (40, 3)] {
+        let pattern = crate::common::spread_pattern(dots, 2.2 / (dots as f64).sqrt(), seed);
+        let with = |tenths: u32| StencilConfig {
+            hole_diameter_mm: f64::from(tenths) / 10.0,
+            ..StencilConfig::default()
+        };
+        let fits = |tenths: &u32| Stencil::check(&pattern, &with(*tenths)).is_ok();
+        let first = (5..=200)
+            .rev()
+            .find(fits)
+            .map(|tenths| f64::from(tenths) / 10.0);
+        assert_eq!(Stencil::largest_hole_mm(&pattern, &with(10)), first);
+        println!("{dots} dots: {first:?}");
+    }
+}
+
+/// From 10 to 400 mm a ball has a stencil, whose solids are sound, of the defaults alone.
+#[test]
+fn balls_of_all_sizes_have_a_stencil() {
+    let pattern = Ball::read("dots20".as_ref()).unwrap().into_pattern();
+    for ball_mm in [10.0, 12.0, 15.0, 18.0, 20.0, 24.9, 25.0, 67.0, 240.0, 400.0] {
+        let config = StencilConfig::for_ball(ball_mm);
+        config.validate().unwrap();
+        Stencil::check(&pattern, &config).unwrap_or_else(|e| panic!("{ball_mm} mm: {e}"));
+    }
+    assert_eq!(StencilConfig::for_ball(40.0), StencilConfig::default());
+    for ball_mm in [10.0, 15.0] {
+        let config = StencilConfig {
+            numbers: false,
+            ..StencilConfig::for_ball(ball_mm)
+        };
+        Stencil::build(&pattern, &config).unwrap_or_else(|e| panic!("{ball_mm} mm: {e}"));
+    }
+    for ball_mm in [9.9, 400.1, f64::NAN] {
+        let refused = StencilConfig::for_ball(ball_mm)
+            .validate()
+            .unwrap_err()
+            .to_string();
+        assert!(
+            refused.contains("ball_diameter_mm: expected 10 to 400 mm"),
+            "{refused}"
+        );
+    }
+}
+
+#[test]
+fn dots_that_a_camera_hardly_sees_are_warned_of() {
+    let dir = tempfile::tempdir().unwrap();
+    write_pattern(dir.path());
+    let said = |arguments: &[&str]| {
+        let output = spindoe(dir.path(), arguments);
+        assert!(output.status.success());
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let thin = said(&[
+        "pattern.csv",
+        "-o",
+        "thin",
+        "--no-numbers",
+        "--pen-diameter-mm",
+        "1",
+    ]);
+    assert!(thin.contains("warning: dots of 1.4 mm"), "{thin}");
+    let usual = said(&["pattern.csv", "-o", "usual", "--no-numbers"]);
+    assert!(!usual.contains("warning"), "{usual}");
+}
+
 #[test]
 fn holes_are_sized_by_the_pen_or_as_large_as_fits() {
     let dir = tempfile::tempdir().unwrap();

@@ -8,6 +8,7 @@ use super::{Arguments, no_answer};
 use crate::ball::Ball;
 use crate::calibrate::live::{LiveClip, LivePattern};
 use crate::calibrate::{CalibrationConfig, KnownDots, MissingSide, Survey, UnknownRejection};
+use crate::cli::images::ImageArguments;
 use crate::cli::pipe::Pipe;
 use crate::error::{Error, Result};
 use crate::image::DEFAULT_MAX_PIXELS;
@@ -44,7 +45,7 @@ pub(super) fn read(
     let answer = "spindoe: no more frames are taken; once more ends at once";
     let stop = crate::cli::interrupt::stop_on_interrupt(answer)?;
     let mut clip = LiveClip::new(stand_in(arguments, config)?, known, config.clone());
-    let found = filmed(&mut pipe, &mut clip, &prior, &stop)?;
+    let found = filmed(&mut pipe, &mut clip, &prior, &arguments.images, &stop)?;
     // From here on a signal ends the process.
     stop.store(true, Ordering::Relaxed);
     if let Some(found) = found {
@@ -75,6 +76,7 @@ fn filmed(
     pipe: &mut Pipe,
     clip: &mut LiveClip,
     prior: &Prior,
+    images: &ImageArguments,
     stop: &AtomicBool,
 ) -> Result<Option<LivePattern>> {
     let mut frame = Frame::default();
@@ -99,7 +101,10 @@ fn filmed(
             Err(problem) => return Err(problem),
         };
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
-        clip.push(picture.map_err(Error::Internal)?, prior, time_s)?;
+        let picture = picture.map_err(Error::Internal)?;
+        let view = picture.view()?;
+        images.check_size([view.width(), view.height()])?;
+        clip.push(picture, prior, time_s)?;
         taken += 1;
         if taken == EMPTY && clip.frames() == 0 {
             errln!("{EMPTY} frames, and none shows a ball");

@@ -15,6 +15,7 @@ use crate::calibrate::{CalibrationConfig, KnownDots};
 use crate::clip::batch::BatchConfig;
 use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
+use crate::image::DEFAULT_MAX_PIXELS;
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
 use crate::report::CHECKPOINT;
 use crate::report::calibration::{
@@ -103,6 +104,8 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
+    let images = &arguments.images;
+    images.settle_camera(&arguments.clip, arguments.raw, DEFAULT_MAX_PIXELS)?;
     let config = arguments.config()?;
     // Its pattern is not to stand beside another's stencil and search.
     let of_design = [CHECKPOINT, "stencil"];

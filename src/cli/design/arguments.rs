@@ -7,14 +7,15 @@ use std::time::Duration;
 use clap::builder::{ArgPredicate, PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
-use crate::ball::Ball;
 #[cfg(feature = "vision")]
-use crate::camera::RaceConfig;
+use super::camera::FRAMES;
+use crate::ball::Ball;
 #[cfg(feature = "vision")]
 use crate::cli::camera::CameraSource;
 #[cfg(feature = "vision")]
 use crate::cli::output::Counter;
 use crate::cli::output::{command_line, one_of, quoted};
+use crate::cli::pattern::MIN_DOT_PX;
 #[cfg(feature = "vision")]
 use crate::design::Objective;
 use crate::design::objective::PARTS;
@@ -74,7 +75,7 @@ pub struct Arguments {
         default_value_t = DesignConfig::default().rounds,
         conflicts_with = "budget"
     )]
-    rounds: usize,
+    pub(super) rounds: usize,
     /// Begin rounds until this time is spent, for instance 90s, 30m or 2h.
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     pub(super) budget: Option<Duration>,
@@ -180,14 +181,14 @@ pub struct Arguments {
     )]
     blur: f64,
     /// The camera that the pattern is for, as for `spindoe advise`: it chooses the number of dots where
-    /// --dots is not given, and ranks the finalists by what it would see of them.
+    /// --dots is not given, and ranks the finalists by what it would see of them. That takes some 4 minutes of CPU.
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "dark|any|CAMERA.toml")]
     pub(super) camera: Option<CameraSource>,
-    /// Frames of the camera for each pattern that is not clearly worse than another; some 10 ms a frame
-    /// and core, in any surroundings some 50.
+    /// Frames of the camera for each pattern that is not clearly worse than another, of which half choose and half
+    /// measure; some 15 ms a frame and core, in any surroundings some 30.
     #[cfg(feature = "vision")]
-    #[arg(hide = true, long, value_name = "N", requires = "camera", default_value_t = RaceConfig::default().max_frames)]
+    #[arg(hide = true, long, value_name = "N", requires = "camera", default_value_t = FRAMES)]
     pub(super) camera_frames: u64,
     /// The folder to write to; by default spindoe-design, with a number where that is taken.
     #[arg(short, long, value_name = "DIR")]
@@ -206,10 +207,6 @@ pub struct Arguments {
 enum Preset {
     Paper,
 }
-
-/// Minimum width of a dot in the image, pixels: 3 mm on a ball of 40 mm and 50 pixels. On rendered
-/// frames smaller dots cost 5 to 20 points of correct answers.
-const MIN_DOT_PX: f64 = 3.75;
 
 impl Arguments {
     /// Dots to add to those of the pattern.
@@ -420,7 +417,7 @@ impl Arguments {
             all.push(("shards", count.to_string()));
         }
         #[cfg(feature = "vision")]
-        if self.camera.is_some() && self.camera_frames != RaceConfig::default().max_frames {
+        if self.camera.is_some() && self.camera_frames != FRAMES {
             all.push(("camera_frames", self.camera_frames.to_string()));
         }
         if self.protocol.include(ProtocolName::Image) {

@@ -25,8 +25,8 @@ pub(super) use arguments::cone;
 use progress::DesignProgress;
 
 /// The answer to the first Ctrl-C.
-pub(super) const STOPPING: &str = "stopping: what was found is evaluated and written, which takes some 20 s, for a camera some \
-                                   minutes; Ctrl-C again quits at once and keeps the search for --resume";
+pub(super) const STOPPING: &str = "stopping: what was found is evaluated and written, which takes some 20 s; \
+                                   Ctrl-C again quits at once and keeps the search for --resume";
 /// The answer where a part of a search is asked for, or several.
 const STOPPING_SHARD: &str = "stopping: the search is kept for --resume once its work in hand is done; Ctrl-C again quits at once";
 /// What more dots give, of 5 000 rendered frames with any background (README, "How well it works").
@@ -39,10 +39,12 @@ const FOLDER: &str = "spindoe-design";
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let clock = Instant::now();
-    // Before a search there is nothing to keep: a signal ends the process.
     #[cfg(feature = "vision")]
-    let arguments = &camera::settled(arguments)?;
-    let (job, start) = arguments.job()?;
+    let settled = camera::settled(arguments)?;
+    #[cfg(feature = "vision")]
+    let arguments = &settled.arguments;
+    #[cfg_attr(not(feature = "vision"), expect(unused_mut))]
+    let (job, mut start) = arguments.job()?;
     check_for_design()?;
     let in_parts = arguments.shard.is_some() || arguments.shards.is_some();
     let stop = stop_on_interrupt(if in_parts { STOPPING_SHARD } else { STOPPING })?;
@@ -50,6 +52,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let kept = format!("the search is kept; this continues it: {resume}");
     keeps(job.dir.join(CHECKPOINT), kept.clone());
     let mut progress = DesignProgress::new(&job, arguments);
+    #[cfg(feature = "vision")]
+    {
+        progress = progress.with_forecast(settled.forecast);
+        if settled.leave(&job)? {
+            start = Start::Resume;
+            stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        }
+    }
     if let Some(shard) = arguments.shard {
         let done = job.run_shard(shard, start, &stop, &mut progress)?;
         progress.finish();

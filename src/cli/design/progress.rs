@@ -1,9 +1,10 @@
 //! Progress of `spindoe design`, and the division of its time budget.
 
-use std::time::{Duration, Instant};
+use std::sync::Arc;
+use std::time::Instant;
 
 use super::Arguments;
-use crate::cli::output::Progress;
+use crate::cli::output::{Progress, STEPS, left};
 use crate::design::{DesignConfig, DesignObserver, Milestone, SearchState, Shard, Stage};
 use crate::error::Result;
 use crate::report::{DesignJob, JobObserver};
@@ -15,6 +16,10 @@ pub(super) struct DesignProgress<'a> {
     line: Progress,
     /// What is said once the arguments are known to be good.
     warning: Option<String>,
+    /// How long the parts of a design for a camera take.
+    forecast: Option<Forecast>,
+    /// Frames of the camera for each finalist.
+    frames: u64,
     /// When work began, and the share that was done by then.
     began: Option<(Instant, f64)>,
     /// Start of the current round, in seconds of the search.
@@ -28,10 +33,42 @@ pub(super) struct DesignProgress<'a> {
     searched: f64,
 }
 
-/// Steps of the bar.
-const STEPS: u64 = 1000;
-/// Minimum time between plain lines.
-const SILENCE: Duration = Duration::from_secs(2);
+/// How long the parts of a design for a camera take, as far as it can be foreseen.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Forecast {
+    /// What is behind, s.
+    pub gone_s: f64,
+    /// A frame of the camera on all cores, s.
+    pub frame_s: f64,
+    /// The search, s, where there is an estimate before it begins.
+    pub search_s: Option<f64>,
+}
+
+/// Finalists that a camera ranks, of a search of one round.
+const FINALISTS: f64 = 3.0;
+
+#[cfg(feature = "vision")]
+impl Forecast {
+    /// With this time for a frame.
+    pub fn new(frame_s: f64) -> Self {
+        Self {
+            gone_s: 0.0,
+            frame_s,
+            search_s: None,
+        }
+    }
+
+    /// A search that takes so long, and all behind it, with so many frames a finalist.
+    pub fn after(&self, search_s: f64, frames: u64) -> f64 {
+        search_s * (1.0 + EVALUATION_ROUNDS) + self.ranking_s(frames)
+    }
+
+    /// The ranking of the finalists.
+    fn ranking_s(&self, frames: u64) -> f64 {
+        FINALISTS * frames as f64 * self.frame_s
+    }
+}
+
 /// Fraction of a budget after which no round of the search begins; the remaining time is for the
 /// last trial and the evaluation.
 const SEARCH_SHARE: f64 = 0.9;
@@ -40,22 +77,26 @@ const EVALUATION_ROUNDS: f64 = 0.7;
 
 impl<'a> DesignProgress<'a> {
     pub fn new(job: &'a DesignJob, arguments: &'a Arguments) -> Self {
-        let template = "{bar:12} {gone}{left}  {wide_msg}";
         Self {
             config: &job.config,
             arguments,
-            line: Progress::new(STEPS, template, SILENCE),
+            line: Progress::of_design(),
+            forecast: None,
+            frames: job.camera.as_ref().map_or(0, |camera| camera.frames),
             warning: arguments.dot_size_warning(),
             began: None,
             round_began_s: 0.0,
             shard: (0, 1),
-            evaluated: (
-                0,
-                job.evaluation.steps() + 1 + usize::from(job.camera.is_some()),
-            ),
+            evaluated: (0, job.evaluation.steps() + 1),
             shown: 0.0,
             searched: 0.0,
         }
+    }
+
+    /// What has been seen of a camera before the search.
+    pub fn with_forecast(mut self, forecast: Option<Forecast>) -> Self {
+        self.forecast = forecast;
+        self
     }
 
     /// One of several shards begins.
@@ -78,13 +119,7 @@ impl<'a> DesignProgress<'a> {
     /// Share of all work that is done while the search goes on, in [0, 1].
     fn share(&self, state: &SearchState, stage: Stage) -> f64 {
         let (shard, shards) = self.shard;
-        let starts = self.config.starts as f64;
-        // Scouting and climbing take about as long as each other.
-        let in_round = match stage {
-            Stage::Scout => 0.45 * state.scouted.len() as f64 / starts,
-            Stage::Climb => 0.45 + 0.45 * 4.0 * state.climbed.len() as f64 / starts,
-            Stage::Try | Stage::Halve => 0.0,
-        };
+        let in_round = in_round(state, stage, self.config.starts);
         let rounds = match self.arguments.budget {
             Some(budget) => {
                 let (began_s, budget_s) = (self.round_began_s, SEARCH_SHARE * budget.as_secs_f64());
@@ -93,7 +128,22 @@ impl<'a> DesignProgress<'a> {
             None => self.config.rounds as f64,
         };
         let (before, all) = (shard as f64 * rounds, shards as f64 * rounds);
-        (before + state.round as f64 + in_round) / (all + EVALUATION_ROUNDS)
+        let done = before + state.round as f64 + in_round;
+        let Some(forecast) = self.forecast else {
+            return done / (all + EVALUATION_ROUNDS);
+        };
+        // In seconds: a camera's frames do not take as long as rounds do.
+        let foreseen = forecast.search_s.map(|seconds| seconds / rounds.max(1.0));
+        let round_s = match done > 0.1 {
+            true => state.elapsed_s / done,
+            false => foreseen.unwrap_or(0.0),
+        };
+        if round_s == 0.0 {
+            return 0.0;
+        }
+        let (gone, left) = (forecast.gone_s + state.elapsed_s, (all - done) * round_s);
+        let ranking = FINALISTS * self.frames as f64 * forecast.frame_s;
+        gone / (gone + left + ranking + EVALUATION_ROUNDS * round_s)
     }
 
     /// Stage and best rate, in words.
@@ -129,6 +179,17 @@ impl<'a> DesignProgress<'a> {
     }
 }
 
+/// The share of a round that is done.
+pub(super) fn in_round(state: &SearchState, stage: Stage, starts: usize) -> f64 {
+    let starts = starts as f64;
+    // Scouting and climbing take about as long as each other.
+    match stage {
+        Stage::Scout => 0.45 * state.scouted.len() as f64 / starts,
+        Stage::Climb => 0.45 + 0.45 * 4.0 * state.climbed.len() as f64 / starts,
+        Stage::Try | Stage::Halve => 0.0,
+    }
+}
+
 /// How many rounds are begun within a budget, after `done` of them; the one that began at `began_s` has come as far as
 /// `in_round`, from 0 to 1.
 fn rounds_within(budget_s: f64, done: usize, began_s: f64, elapsed_s: f64, in_round: f64) -> f64 {
@@ -140,15 +201,6 @@ fn rounds_within(budget_s: f64, done: usize, began_s: f64, elapsed_s: f64, in_ro
     // The round that has begun is finished, whatever its budget.
     let more = ((budget_s - began_s) / round_s.max(f64::MIN_POSITIVE)).floor();
     done as f64 + more.max(1.0)
-}
-
-/// Estimated time left from the share done, and that when work began, in words; empty while there is no estimate.
-fn left((began, before): (Instant, f64), share: f64) -> String {
-    if share - before < 0.02 {
-        return String::new();
-    }
-    let left = began.elapsed().as_secs_f64() * (1.0 - share) / (share - before);
-    format!("; {left:.0} s left")
 }
 
 impl JobObserver for DesignProgress<'_> {
@@ -174,6 +226,24 @@ impl JobObserver for DesignProgress<'_> {
         let done = self.position(self.searched + (1.0 - self.searched) * share);
         self.evaluated.0 += 1;
         self.line.say(done, what);
+    }
+
+    fn ranks(&mut self, frames: u64) -> Arc<dyn Fn(u64) + Send + Sync> {
+        let what = "the camera ranks the finalists";
+        let Some(forecast) = self.forecast else {
+            self.step(what);
+            return Arc::new(|_| ());
+        };
+        let (began, _) = *self.began.get_or_insert((Instant::now(), 0.0));
+        // The evaluation is the rest.
+        let search_s = began.elapsed().as_secs_f64();
+        let ranking = frames as f64 * forecast.frame_s;
+        let gone = forecast.gone_s + search_s;
+        let all = gone + ranking + EVALUATION_ROUNDS * search_s;
+        let from = self.shown.max(gone / all);
+        self.shown = from.max((gone + ranking) / all);
+        let ends = [from, self.shown];
+        Arc::new(self.line.count(frames, ends, what))
     }
 
     fn command(&self, searched: &DesignConfig) -> Option<String> {

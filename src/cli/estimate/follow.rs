@@ -69,7 +69,9 @@ pub(super) fn each_frame(
     while let Some(time_s) = pipe.next_frame(&mut frame)? {
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;
-        let (is_identified, line) = work(picture.view()?, frame.number, time_s, frame.arrived)?;
+        let view = picture.view()?;
+        arguments.source.check_size([view.width(), view.height()])?;
+        let (is_identified, line) = work(view, frame.number, time_s, frame.arrived)?;
         followed += 1;
         identified += u64::from(is_identified);
         writeln!(stdout, "{line}")

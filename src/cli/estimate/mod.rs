@@ -72,9 +72,9 @@ pub struct Arguments {
     /// Images, folders of images, or videos.
     #[arg(value_name = "IMAGES_OR_DIR", required = true)]
     images: Vec<PathBuf>,
-    /// The ball: a table (.npz), a pattern (CSV of unit vectors x,y,z), or the folder of a design or
-    /// calibration. Given several times, the one that fits all frames best is chosen.
-    #[arg(long, value_name = "TABLE.npz", required_unless_present = "painted")]
+    /// The ball: a shipped pattern by its name (dots20), a table (.npz), a pattern (CSV of unit vectors x,y,z), or the
+    /// folder of a design or calibration. Given several times, the one that fits all frames best is chosen.
+    #[arg(long, value_name = "TABLE.npz")]
     table: Vec<PathBuf>,
     /// Write the orientations to this file instead of standard output.
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
@@ -95,7 +95,7 @@ pub struct Arguments {
     #[arg(long, value_parser = one_of(&CameraFrame::AXES, CameraFrame::as_str), default_value_t = CameraFrame::Camera)]
     frame: CameraFrame,
     /// The images are mirrored (a flipped camera, a selfie video): exchange left and right first.
-    /// Pixels in the output are those of the images so exchanged.
+    /// Pixels in the output are those of the images so exchanged, and --intrinsics those of a camera that takes such.
     #[arg(long)]
     mirrored: bool,
     /// Judge every frame for itself: no verdict over all of them on whether the table fits and the
@@ -298,6 +298,12 @@ impl BatchObserver<[BallEstimate]> for Pictures {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.table.is_empty() && !arguments.painted {
+        let problem = "expected the ball, as in --table dots20 or --table my-ball";
+        return Err(Error::argument("table", problem));
+    }
+    let source = &arguments.source;
+    source.settle_camera(&arguments.images, arguments.raw, arguments.max_pixels)?;
     if arguments.balls.is_some() || arguments.strobe_ms.is_some() {
         return balls::run(arguments);
     }

@@ -4,7 +4,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::Arguments;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::random_direction;
 use crate::spin::orientations::Orientations;
@@ -73,6 +73,11 @@ impl Arguments {
         let outcomes = trials.frames(ball.pattern(), 0..CAMERA_FRAMES, &|n| counter.add(n))?;
         counter.finish();
         let rates = FrameRates::of(&outcomes, self.seed);
+        if rates.right.successes == 0 {
+            let problem =
+                format!("of {CAMERA_FRAMES} frames of this pattern it answers none right");
+            return Err(Error::argument("camera", problem));
+        }
         let answered = rates.right.rate + rates.wrong.rate;
         let [low, high] = conditions.rps;
         Ok(Usual {

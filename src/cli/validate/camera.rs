@@ -7,7 +7,7 @@ use crate::ball::Ball;
 use crate::camera::{
     CameraConditions, CameraPoint, CameraSweep, CameraTrials, FrameRates, paired, sweep_csv,
 };
-use crate::cli::camera::{CAMERA_FRAMES, print_frames};
+use crate::cli::camera::{CAMERA_FRAMES, print_frames, shown};
 use crate::cli::output::Counter;
 use crate::cli::print_json;
 use crate::error::{Error, Result};
@@ -63,6 +63,7 @@ fn one(arguments: &Arguments, ball: &Ball, conditions: &CameraConditions) -> Res
             "frames": found,
         }));
     }
+    outln!("{}", arguments.camera.assumed()?);
     print_frames(&found);
     Ok(())
 }
@@ -93,6 +94,7 @@ fn several(arguments: &Arguments, balls: Vec<Ball>, conditions: &CameraCondition
             "conditions": conditions, "patterns": rows
         }));
     }
+    outln!("{}", arguments.camera.assumed()?);
     outln!(
         "{frames} frames of seed {}, the same scenes for all:",
         arguments.seed
@@ -100,10 +102,10 @@ fn several(arguments: &Arguments, balls: Vec<Ball>, conditions: &CameraCondition
     for (entry, r, difference) in rows {
         outln!("{} ({} dots)", entry.name, entry.ball.pattern().len());
         outln!(
-            "  right {}, wrong {}, error: mean {:.3} deg",
+            "  right {}, wrong {}, error: mean {} deg",
             r.right,
             r.wrong,
-            r.mean_error_deg
+            shown(r.mean_error_deg, 3)
         );
         outln!(
             "  right more often than the first by {:.2} [{:.2}, {:.2}] points",
@@ -133,6 +135,7 @@ fn sweep(arguments: &Arguments, ball: &Ball, conditions: &CameraConditions) -> R
     if arguments.json {
         return print_json(&json!({ "conditions": conditions, "points": points }));
     }
+    outln!("{}", arguments.camera.assumed()?);
     outln!("{frames} frames a point, seed {}", arguments.seed);
     for p in &points {
         print_point(p);
@@ -142,11 +145,11 @@ fn sweep(arguments: &Arguments, ball: &Ball, conditions: &CameraConditions) -> R
 
 fn print_point(p: &CameraPoint) {
     outln!(
-        "{:<13} {:>8.3}  right {}  wrong {}  {:.3} deg",
+        "{:<13} {:>8.3}  right {}  wrong {}  {} deg",
         p.parameter.as_str(),
         p.value,
         p.frames.right,
         p.frames.wrong,
-        p.frames.mean_error_deg
+        shown(p.frames.mean_error_deg, 3)
     );
 }

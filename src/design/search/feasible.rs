@@ -18,7 +18,8 @@ use crate::design::descent::{Cost, descend};
 use crate::design::objective::Evaluation;
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};
-use crate::pattern::random_pattern;
+use crate::pattern::{Pattern, random_pattern};
+use crate::stencil::Stencil;
 
 /// Number of packings and descents.
 const TRIES: u64 = 6;
@@ -236,7 +237,31 @@ pub fn check_feasible(constraints: &Constraints, dots: usize) -> Result<()> {
     if is_met(constraints, dots, TRIES)? {
         return Ok(());
     }
-    Err(unmet(constraints, dots)?)
+    match no_stencil(constraints, dots)? {
+        Some(error) => Err(error),
+        None => Err(unmet(constraints, dots)?),
+    }
+}
+
+/// The error where an attempt meets all demands but has no stencil, with the largest hole that has one.
+fn no_stencil(constraints: &Constraints, dots: usize) -> Result<Option<Error>> {
+    let Some(stencil) = &constraints.stencil else {
+        return Ok(None);
+    };
+    let pattern = after_descent(dots, constraints, 0, &|p| constraints.missed_but_stencil(p))?;
+    if constraints.missed_but_stencil(&pattern).is_some() {
+        return Ok(None);
+    }
+    let fits = match Stencil::largest_hole_mm(&pattern, stencil) {
+        Some(mm) => format!("holes of at most {mm:.1} mm fit"),
+        None => "no hole fits".to_owned(),
+    };
+    let problem = format!(
+        "no pattern of {dots} dots of {} mm on a ball of {} mm was found that leaves room for the stencil's hinge and \
+         rims; {fits}",
+        stencil.hole_diameter_mm, stencil.ball_diameter_mm
+    );
+    Ok(Some(Error::argument("dot_diameter_mm", problem)))
 }
 
 /// Whether one of so many attempts satisfies the constraints.
@@ -282,25 +307,41 @@ fn unmet(constraints: &Constraints, dots: usize) -> Result<Error> {
     Ok(Error::argument("constraints", problem))
 }
 
-/// What a random start violates after a descent under the constraints, if anything.
+/// What a random start violates after a descent under the constraints, if anything. Whether there is a stencil, which
+/// takes longest to find out, is asked of the first pattern that meets all else, and of the last.
 fn missed_after_descent(
     constraints: &Constraints,
     dots: usize,
     stream: u64,
 ) -> Result<Option<String>> {
+    let first = after_descent(dots, constraints, stream, &|p| {
+        constraints.missed_but_stencil(p)
+    })?;
+    if constraints.missed(&first).is_none() {
+        return Ok(None);
+    }
+    let last = descend(&first, &Charges, constraints, STEPS * CHECKS as u64)?;
+    Ok(constraints.missed(&last))
+}
+
+/// A random start after as many steps of a descent under the constraints as it takes until nothing is missed, or all.
+fn after_descent(
+    dots: usize,
+    constraints: &Constraints,
+    stream: u64,
+    missed: &dyn Fn(&Pattern) -> Option<String>,
+) -> Result<Pattern> {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     rng.set_stream(stream);
     let separation = start_separation(dots, constraints.min_separation_rad);
     let mut pattern = random_pattern(dots, separation, &mut rng)?;
-    let mut missed = constraints.missed(&pattern);
     for _ in 0..CHECKS {
-        if missed.is_none() {
+        if missed(&pattern).is_none() {
             break;
         }
         pattern = descend(&pattern, &Charges, constraints, STEPS)?;
-        missed = constraints.missed(&pattern);
     }
-    Ok(missed)
+    Ok(pattern)
 }
 
 #[cfg(all(test, feature = "native"))]

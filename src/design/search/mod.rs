@@ -107,7 +107,9 @@ pub fn design(
     let mut search = Search::new(config, state, stop, observer)?;
     let stopped = !search.rounds(state)?;
     let mut finalists = search.halve(state)?;
-    search.observer.rank(&mut finalists)?;
+    if !finalists.is_empty() {
+        search.observer.rank(&mut finalists)?;
+    }
     let Some(winner) = finalists.first() else {
         return Err(nothing_found(state, stopped));
     };

@@ -49,7 +49,7 @@ function tiles(d) {
 /** What was measured on rendered frames of the camera that the design was for. */
 function rankingTiles({ frames, winner }) {
   return [
-    rateTile(winner.right, `of ${frames} rendered frames of your camera answered right`),
+    rateTile(winner.right, `of ${frames} rendered frames of your camera, others than chose it, answered right`),
     tile(fixed(winner.mean_error_deg, 2) + "\u00b0", "mean orientation error of those frames"),
   ];
 }

@@ -171,7 +171,7 @@ impl DesignPage {
             camera: CameraFigures::of(&report),
             ranking: report.camera.as_ref().and_then(|camera| {
                 Some(PageRanking {
-                    frames: camera.request.frames,
+                    frames: camera.finalists.first()?.right.trials,
                     winner: *camera.finalists.first()?,
                 })
             }),

@@ -9,33 +9,21 @@
 //!
 //! Distortion is undone where a ball is looked at, by a camera that points at it; images are never undistorted as a whole.
 
+mod file;
+mod tree;
+
 use std::path::Path;
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2};
-use saphyr_parser::{Event, Parser};
 use serde::{Deserialize, Serialize};
 
+pub use self::file::Calibration;
 use super::lens::Lens;
 use crate::error::{Error, Result};
-use crate::files;
 use crate::geometry::Vec3;
 
-/// Bytes of the largest file of intrinsics.
-const MAX_BYTES: u64 = 1 << 20;
-/// The keys under which files have the matrix, and the distortion: OpenCV's samples, ROS, NumPy's users.
-const MATRIX: [&str; 5] = ["camera_matrix", "Camera_Matrix", "K", "k", "mtx"];
-const DISTORTION: [&str; 8] = [
-    "distortion_coefficients",
-    "Distortion_Coefficients",
-    "dist_coeffs",
-    "distCoeffs",
-    "dist",
-    "D",
-    "d",
-    "distortion",
-];
-/// The keys under which a file names the model of its distortion.
-const MODEL: [&str; 2] = ["distortion_model", "model"];
+/// Focal lengths, the principal point and the skew, pixels, at most.
+const MAX_PX: f64 = 1e7;
 
 /// A position in an image, pixels: u right, v down, the center of the top-left pixel at (0, 0).
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
@@ -114,7 +102,7 @@ impl Intrinsics {
 
     fn is_a_camera(&self) -> bool {
         let numbers = [self.fx, self.fy, self.cx, self.cy, self.skew];
-        numbers.iter().all(|x| x.is_finite()) && self.fx > 0.0 && self.fy > 0.0
+        numbers.iter().all(|x| x.abs() <= MAX_PX) && self.fx > 0.0 && self.fy > 0.0
     }
 
     /// Those of numbers: fx, fy, cx, cy, and the coefficients of [`Lens::polynomial`].
@@ -136,15 +124,12 @@ impl Intrinsics {
         Err(Error::argument("intrinsics", problem))
     }
 
-    /// Reads the intrinsics of a file: OpenCV's YAML or JSON, or ROS' camera_info.
+    /// Reads the intrinsics of a file; see [`Calibration::read`].
     ///
     /// # Errors
-    /// [`Error::Read`] where the system refuses; [`Error::Input`] naming the field that is not as expected.
+    /// As [`Calibration::read`].
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = files::read_at_most(path, MAX_BYTES)?;
-        let text = String::from_utf8(bytes)
-            .map_err(|_| Error::input(path, "file", "expected YAML or JSON"))?;
-        Self::from_text(path, &text)
+        Ok(Calibration::read(path)?.intrinsics)
     }
 
     /// As [`read`](Self::read), from the file's text; `path` is for errors.
@@ -152,49 +137,7 @@ impl Intrinsics {
     /// # Errors
     /// [`Error::Input`] naming the field that is not as expected.
     pub fn from_text(path: &Path, text: &str) -> Result<Self> {
-        let fields = fields(text).map_err(|error| {
-            Error::input(
-                path,
-                "file",
-                format!("expected YAML or JSON, found {error}"),
-            )
-        })?;
-        let field = |names: &[&'static str]| {
-            let mut named = names.iter();
-            named.find_map(|name| Some((*name, &fields.iter().find(|(n, _)| n == name)?.1)))
-        };
-        let expected = "expected the matrix fx s cx, 0 fy cy, 0 0 1, as OpenCV and ROS write it";
-        let matrix = field(&MATRIX).and_then(|(name, field)| Some((name, field.numbers()?)));
-        let Some((name, numbers)) = matrix.filter(|(_, n)| n.len() == 9) else {
-            return Err(Error::input(path, MATRIX[0], expected));
-        };
-        let (at, coefficients) = match field(&DISTORTION) {
-            Some((name, field)) => {
-                let expected = || Error::input(path, name, "expected numbers");
-                (name, field.numbers().ok_or_else(expected)?)
-            }
-            None => (DISTORTION[0], Vec::new()),
-        };
-        let lens = match field(&MODEL).map(|(name, field)| (name, field.text.as_str())) {
-            None | Some((_, "plumb_bob" | "rational_polynomial" | "radtan" | "opencv" | "")) => {
-                Lens::polynomial(&coefficients)
-            }
-            Some((_, "equidistant" | "fisheye")) => Lens::fisheye(&coefficients),
-            Some((name, other)) => {
-                let problem = format!(
-                    "expected plumb_bob, rational_polynomial, equidistant or fisheye, found {}",
-                    files::csv::shown(other)
-                );
-                return Err(Error::input(path, name, problem));
-            }
-        };
-        let in_file = |at: &str, error: Error| match error {
-            Error::Argument { problem, .. } => Error::input(path, at.to_owned(), problem),
-            other => other,
-        };
-        let lens = lens.map_err(|error| in_file(at, error))?;
-        Self::from_matrix(&Matrix3::from_row_slice(&numbers), lens)
-            .map_err(|error| in_file(name, error))
+        Ok(Calibration::from_text(path, None, text)?.intrinsics)
     }
 
     /// Where a point before the camera (camera frame) is seen.
@@ -241,91 +184,6 @@ impl Intrinsics {
 /// Where a point of the camera frame lies at unit depth, y down.
 fn at_unit_depth(point: &Vec3) -> Vector2<f64> {
     Vector2::new(-point.x, point.y) / point.z
-}
-
-/// What a file has under a key of its first level.
-#[derive(Debug, Default)]
-struct Field {
-    /// A value that is no list.
-    text: String,
-    /// The values within lists.
-    listed: Vec<String>,
-}
-
-impl Field {
-    /// The values of a list, of lists in a list, or of a matrix' `data`; `None` where one is no number, or there are none.
-    fn numbers(&self) -> Option<Vec<f64>> {
-        let numbers: Option<Vec<f64>> = self.listed.iter().map(|n| n.parse().ok()).collect();
-        numbers.filter(|n| !n.is_empty())
-    }
-}
-
-/// A list, or a mapping between its keys or behind one.
-#[derive(Debug, PartialEq)]
-enum Level {
-    List,
-    Mapping { key: Option<String> },
-}
-
-impl Level {
-    /// Ends a value: the next of a mapping is a key.
-    fn end_value(&mut self) {
-        if let Self::Mapping { key } = self {
-            *key = None;
-        }
-    }
-}
-
-/// The fields of the first level. Events are read one after the other, however deep a file goes.
-fn fields(text: &str) -> std::result::Result<Vec<(String, Field)>, saphyr_parser::ScanError> {
-    // OpenCV's first line is not YAML's.
-    let text = text.strip_prefix("%YAML:1.0").unwrap_or(text);
-    let mut fields: Vec<(String, Field)> = Vec::new();
-    let mut levels: Vec<Level> = Vec::new();
-    for event in Parser::new_from_str(text) {
-        match event?.0 {
-            Event::MappingStart(..) => levels.push(Level::Mapping { key: None }),
-            Event::SequenceStart(..) => levels.push(Level::List),
-            Event::MappingEnd | Event::SequenceEnd => {
-                levels.pop();
-                if let Some(level) = levels.last_mut() {
-                    level.end_value();
-                }
-            }
-            Event::Scalar(value, ..) => {
-                let is_first = levels.len() == 1;
-                // Of a matrix only the data: others of its keys may have lists, too.
-                let is_data = levels.get(1).is_none_or(|level| match level {
-                    Level::List => true,
-                    Level::Mapping { key } => key.as_deref() == Some("data"),
-                });
-                match levels.last_mut() {
-                    Some(Level::Mapping { key: key @ None }) => {
-                        if is_first {
-                            fields.push((value.to_string(), Field::default()));
-                        }
-                        *key = Some(value.into_owned());
-                    }
-                    Some(level) => {
-                        if let Some((_, field)) = fields.last_mut() {
-                            match level {
-                                Level::List if is_data => field.listed.push(value.into_owned()),
-                                Level::Mapping { .. } if is_first => {
-                                    field.text = value.into_owned();
-                                }
-                                _ => {}
-                            }
-                        }
-                        level.end_value();
-                    }
-                    None => {}
-                }
-            }
-            Event::DocumentEnd => break,
-            _ => {}
-        }
-    }
-    Ok(fields)
 }
 
 #[cfg(test)]
@@ -395,6 +253,314 @@ mod tests {
                 error.contains(word) && error.lines().count() == 1,
                 "{text:.60}: {error}"
             );
+        }
+    }
+
+    /// The lens of most of these files.
+    fn lens() -> Lens {
+        Lens::polynomial(&[-0.28, 0.09, 0.0012, -1e-4, 0.0]).expect("a lens")
+    }
+
+    fn calibration(text: &str, name: Option<&str>) -> Result<Calibration> {
+        Calibration::from_text("camera.yaml".as_ref(), name, text)
+    }
+
+    #[test]
+    fn every_spelling_is_read_or_named() {
+        let k = "camera_matrix: [650, 0, 320.5, 0, 640, 240.25, 0, 0, 1]";
+        let numbers = "-0.28, 0.09, 0.0012, -0.0001, 0";
+        for key in [
+            "dist_coeff",
+            "dist_coeffs",
+            "dist_coefs",
+            "distortion_coeffs",
+            "distCoeffs",
+            "Distortion_Coefficients",
+            "kc",
+            "D",
+            "dist",
+            "distortion_coefficients",
+            "distortion-coefficients",
+        ] {
+            for value in [
+                format!("[{numbers}]"),
+                format!("[[{numbers}]]"),
+                format!("{{rows: 1, cols: 5, data: [{numbers}]}}"),
+            ] {
+                let text = format!("{k}\n{key}: {value}\n");
+                let read = calibration(&text, None).expect(&text);
+                assert_eq!(
+                    (read.intrinsics.lens, read.notes.len()),
+                    (lens(), 0),
+                    "{text}"
+                );
+            }
+        }
+        // One that is not understood is named.
+        let text = format!("{k}\nlens_parameters: [{numbers}]\ncamera_name: c\n");
+        let read = calibration(&text, None).expect(&text);
+        assert_eq!(read.intrinsics.lens, Lens::Ideal);
+        assert_eq!(
+            read.notes,
+            ["no distortion found; unread keys: lens_parameters"]
+        );
+        let text = format!("{k}\ndist: [{numbers}]\nxi: 1.2\nnote: x\n");
+        assert_eq!(
+            calibration(&text, None).expect(&text).notes,
+            ["unread keys: xi"]
+        );
+        for key in [
+            "fisheye_model: 1",
+            "camera_model: fisheye",
+            "distortion_model: equidistant",
+            "fisheye: true",
+            "model: KANNALA_BRANDT",
+        ] {
+            let text = format!("{k}\ndist: [-0.02, 0.01, -0.003, 0.001]\n{key}\n");
+            let fisheye = Lens::fisheye(&[-0.02, 0.01, -0.003, 0.001]).expect("a lens");
+            assert_eq!(
+                calibration(&text, None).expect(&text).intrinsics.lens,
+                fisheye,
+                "{key}"
+            );
+        }
+        for key in [
+            "camera_model: omni",
+            "distortion_model: fov",
+            "model_type: MEI",
+        ] {
+            let refused = calibration(&format!("{k}\n{key}\n"), None)
+                .expect_err(key)
+                .to_string();
+            assert!(refused.contains("expected plumb_bob"), "{refused}");
+        }
+        for value in ["1e308", "1e8", "-1", "nan"] {
+            let text = format!("fx: {value}\nfy: 640\ncx: 320\ncy: 240\n");
+            let refused = calibration(&text, None).expect_err(value).to_string();
+            assert!(refused.contains("positive focal lengths"), "{refused}");
+        }
+    }
+
+    #[test]
+    fn files_of_other_tools_are_read() {
+        let radtan = "[-0.28, 0.09, 0.0012, -0.0001]";
+        // kalibr_calibrate_cameras, camchain.yaml.
+        let kalibr = format!(
+            "cam0:\n  cam_overlaps: [1]\n  camera_model: pinhole\n  distortion_coeffs: {radtan}\n  distortion_model: radtan\n  \
+             intrinsics: [650.0, 640.0, 320.5, 240.25]\n  resolution: [640, 480]\n  rostopic: /cam0/image_raw\n"
+        );
+        let two = kalibr.clone() + &kalibr.replace("cam0", "cam1").replace("650.0", "651.0");
+        // EuRoC, cam0/sensor.yaml.
+        let euroc = format!(
+            "sensor_type: camera\ncomment: VI-Sensor cam0 (MT9M034)\nT_BS:\n  cols: 4\n  rows: 4\n  data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, \
+             1]\nrate_hz: 20\nresolution: [640, 480]\ncamera_model: pinhole\nintrinsics: [650, 640, 320.5, 240.25] #fu, fv, cu, cv\ndistortion_model: \
+             radial-tangential\ndistortion_coefficients: {radtan}\n"
+        );
+        // VINS-Mono, camodocal's pinhole.
+        let vins = "%YAML:1.0\n---\nmodel_type: PINHOLE\ncamera_name: camera\nimage_width: 640\nimage_height: 480\ndistortion_parameters:\n   k1: \
+                    -0.28\n   k2: 0.09\n   p1: 0.0012\n   p2: -0.0001\nprojection_parameters:\n   fx: 650\n   fy: 640\n   cx: 320.5\n   cy: 240.25\n";
+        // ORB-SLAM2, Examples/Monocular.
+        let orb = "%YAML:1.0\n\nCamera.fx: 650\nCamera.fy: 640\nCamera.cx: 320.5\nCamera.cy: 240.25\n\nCamera.k1: -0.28\nCamera.k2: \
+                   0.09\nCamera.p1: 0.0012\nCamera.p2: -0.0001\nCamera.fps: 30.0\nCamera.RGB: 1\nORBextractor.nFeatures: 1000\nCamera.width: \
+                   640\nCamera.height: 480\n";
+        // COLMAP, whose pixels' centers lie at halves.
+        let colmap = "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 OPENCV 640 480 650 640 321 240.75 \
+                      -0.28 0.09 0.0012 -0.0001\n";
+        for text in [&*kalibr, &euroc, vins, orb, colmap] {
+            let read = calibration(text, None).expect(text);
+            let k = read.intrinsics;
+            assert_eq!([k.fx, k.fy, k.cx, k.cy], EXPECTED, "{text}");
+            assert_eq!(
+                (k.lens, read.size),
+                (lens(), Some([640.0, 480.0])),
+                "{text}"
+            );
+            assert!(read.notes.is_empty(), "{:?}", read.notes);
+        }
+        let refused = calibration(&two, None)
+            .expect_err("two cameras")
+            .to_string();
+        assert!(
+            refused.contains("found cam0, cam1: FILE:cam0 names one"),
+            "{refused}"
+        );
+        assert_eq!(
+            calibration(&two, Some("cam1"))
+                .expect("the second")
+                .intrinsics
+                .fx,
+            651.0
+        );
+        let refused = calibration(&two, Some("cam2"))
+            .expect_err("no third")
+            .to_string();
+        assert!(refused.contains("expected cam0 or cam1"), "{refused}");
+        // The same camera as a fisheye: VINS counts its coefficients from 2 on.
+        let fisheye = Lens::fisheye(&[-0.02, 0.01, -0.003, 0.001]).expect("a lens");
+        let vins = "model_type: KANNALA_BRANDT\nimage_width: 640\nimage_height: 480\nprojection_parameters:\n   k2: -0.02\n   k3: 0.01\n   k4: -0.003\n   k5: \
+                    0.001\n   mu: 650\n   mv: 640\n   u0: 320.5\n   v0: 240.25\n";
+        let orb = "Camera.type: \"KannalaBrandt8\"\nCamera.fx: 650\nCamera.fy: 640\nCamera.cx: 320.5\nCamera.cy: 240.25\nCamera.k1: -0.02\nCamera.k2: \
+                   0.01\nCamera.k3: -0.003\nCamera.k4: 0.001\n";
+        let colmap = "7 OPENCV_FISHEYE 640 480 650 640 321 240.75 -0.02 0.01 -0.003 0.001\n";
+        for text in [vins, orb, colmap] {
+            let k = calibration(text, None).expect(text).intrinsics;
+            assert_eq!(
+                ([k.fx, k.fy, k.cx, k.cy], k.lens),
+                (EXPECTED, fisheye),
+                "{text}"
+            );
+        }
+    }
+
+    #[test]
+    fn files_of_stereo_rigs_and_of_xml_are_read() {
+        let matrix = |fx: f64| {
+            format!(
+                "!!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [{fx}, 0., 320.5, 0., 640., 240.25, 0., 0., 1.]\n"
+            )
+        };
+        let dist = "!!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [-0.28, 0.09, 0.0012, -0.0001, 0.]\n";
+        // OpenCV's stereo_calib.cpp, intrinsics.yml.
+        let stereo = format!(
+            "%YAML:1.0\n---\nM1: {}D1: {dist}M2: {}D2: {dist}",
+            matrix(650.0),
+            matrix(660.0)
+        );
+        let of = |name| calibration(&stereo, Some(name)).expect(name).intrinsics;
+        assert_eq!(
+            (of("left").fx, of("right").fx, of("right").lens),
+            (650.0, 660.0, lens())
+        );
+        let refused = calibration(&stereo, None)
+            .expect_err("two cameras")
+            .to_string();
+        assert!(refused.contains("found left, right"), "{refused}");
+        let xml = "<?xml version=\"1.0\"?>\n<!-- made by hand -->\n<opencv_storage>\n<image_width>640</image_width>\n<image_height>480</image_height>\n<camera_matrix \
+                   type_id=\"opencv-matrix\">\n  <rows>3</rows>\n  <cols>3</cols>\n  <dt>d</dt>\n  <data>\n    650. 0. 320.5 0. 640. 240.25 0. 0. \
+                   1.</data></camera_matrix>\n<distortion_coefficients type_id=\"opencv-matrix\">\n  <rows>5</rows>\n  <cols>1</cols>\n  <dt>d</dt>\n  <data>\n    \
+                   -2.8e-01 9e-02 1.2e-03 -1e-04 0.</data></distortion_coefficients>\n</opencv_storage>\n";
+        let read = calibration(xml, None).expect("XML");
+        let k = read.intrinsics;
+        assert_eq!(
+            ([k.fx, k.fy, k.cx, k.cy], k.lens, read.size),
+            (EXPECTED, lens(), Some([640.0, 480.0]))
+        );
+        for broken in [
+            "<a>",
+            "<a><b></a>",
+            "</a>",
+            "<opencv_storage></opencv_storage>",
+        ] {
+            let refused = calibration(broken, None).expect_err(broken).to_string();
+            assert!(
+                refused.lines().count() == 1 && refused.len() < 200,
+                "{refused}"
+            );
+        }
+    }
+
+    #[test]
+    fn intrinsics_follow_the_size_of_the_images() {
+        let text =
+            "image_width: 1280\nimage_height: 960\nK: [1300, 0, 640.5, 0, 1280, 480, 0, 0, 1]\n";
+        let read = calibration(text, None).expect("a camera");
+        let (same, words) = read.for_image([1280, 960]).expect("its own size");
+        assert_eq!((same, words), (read.intrinsics, None));
+        // A pixel of the small image covers two by two: its center (u, v) is the corner between theirs.
+        let (half, words) = read.for_image([640, 480]).expect("half of it");
+        assert_eq!(
+            words.as_deref(),
+            Some("intrinsics of 1280 x 960 scaled to 640 x 480")
+        );
+        let ray = read
+            .intrinsics
+            .ray(Pixel { u: 20.5, v: 40.5 })
+            .expect("a ray");
+        let at = half.project(&ray);
+        assert!((at.u - 10.0).hypot(at.v - 20.0) < 1e-9, "{at:?}");
+        for other in [[640, 360], [480, 640], [1280, 720]] {
+            let refused = read
+                .for_image(other)
+                .expect_err("another aspect")
+                .to_string();
+            assert!(
+                refused.contains("1280 x 960") && refused.contains("aspect"),
+                "{refused}"
+            );
+        }
+        // sensor_msgs/CameraInfo: K is of the whole sensor; image_geometry takes the corner off, then divides.
+        let binned = calibration(&(text.to_owned() + "binning_x: 2\nbinning_y: 2\n"), None)
+            .expect("a camera");
+        let (k, words) = binned.for_image([640, 480]).expect("binned");
+        assert_eq!(
+            ([k.fx, k.fy, k.cx, k.cy], words),
+            ([650.0, 640.0, 320.25, 240.0], None)
+        );
+        assert_eq!(
+            binned.for_image([1280, 960]).expect("whole").0,
+            read.intrinsics
+        );
+        let roi =
+            "roi: {x_offset: 320, y_offset: 240, width: 640, height: 480, do_rectify: false}\n";
+        let part = calibration(&(text.to_owned() + roi), None).expect("a camera");
+        let (k, words) = part.for_image([640, 480]).expect("a part");
+        assert_eq!(
+            ([k.fx, k.fy, k.cx, k.cy], words),
+            ([1300.0, 1280.0, 320.5, 240.0], None)
+        );
+        assert!(part.for_image([320, 240]).is_err());
+        // What other files call it; a shape of NumPy's has the rows first.
+        for size in [
+            "resolution: [1280, 960]",
+            "image_size: {width: 1280, height: 960}",
+            "img_shape: [960, 1280]",
+            "img_shape: [1280, 960]",
+        ] {
+            let text = format!("K: [1300, 0, 640.5, 0, 1280, 480, 0, 0, 1]\n{size}\n");
+            assert_eq!(
+                calibration(&text, None).expect(size).size,
+                Some([1280.0, 960.0]),
+                "{size}"
+            );
+        }
+        for size in [
+            "resolution: [1280, x]",
+            "resolution: [1280.5, 960]",
+            "image_width: 0\nimage_height: 960",
+            "resolution: [1e9, 1e9]",
+        ] {
+            let text = format!("K: [1300, 0, 640.5, 0, 1280, 480, 0, 0, 1]\n{size}\n");
+            let refused = calibration(&text, None).expect_err(size).to_string();
+            assert!(refused.contains("width and height"), "{refused}");
+        }
+    }
+
+    #[test]
+    fn changed_files_neither_panic_nor_say_much() {
+        use rand::{RngExt, SeedableRng};
+        let files = [
+            "%YAML:1.0\n---\nimage_width: 640\nM1: !!opencv-matrix\n   rows: 3\n   data: [650, 0, 320.5, 0, 640, 240.25, 0, 0, 1]\nD1: [0.1, 0, 0, 0]\nroi: {width: 3}\n",
+            "<opencv_storage><K><data>650 0 320 0 640 240 0 0 1</data></K><dist><_>1</_></dist></opencv_storage>",
+            "1 OPENCV 640 480 650 640 321 240.75 -0.28 0.09 0.0012 -0.0001\n2 PINHOLE 640 480 1 2 3 4\n",
+            "cam0:\n  camera_model: pinhole\n  intrinsics: [650.0, 640.0, 320.5, 240.25]\n  resolution: [640, 480]\n  distortion_coeffs: [0, 0, 0, 0]\n",
+            "{\"K\": [[650, 0, 320.5], [0, 640, 240.25], [0, 0, 1]], \"dist\": [[-0.28, 0.09, 0.0012, -0.0001, 0]]}",
+        ];
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(600_201);
+        for k in 0..1000 {
+            let mut bytes = files[k % files.len()].as_bytes().to_vec();
+            for _ in 0..rng.random_range(1..6) {
+                let at = rng.random_range(0..bytes.len());
+                match rng.random_range(0..4) {
+                    0 => bytes[at] = rng.random(),
+                    1 => drop(bytes.remove(at)),
+                    2 => bytes.truncate(at.max(1)),
+                    _ => bytes.insert(at, b"[]{}<>:,-1e9\n #&*"[rng.random_range(0..17)]),
+                }
+            }
+            if let Err(error) = Calibration::from_bytes("c.yaml".as_ref(), None, &bytes) {
+                let error = error.to_string();
+                assert!(error.lines().count() == 1 && error.len() < 260, "{error}");
+            }
         }
     }
 

@@ -343,6 +343,13 @@ fn shipped_designs_are_read_by_their_names_unless_there_is_such_a_file() {
             Ball::new(pattern).with_design(design).expect("sizes")
         );
     }
+    // A folder of that name that holds no design shadows none; one that holds a pattern does.
+    let dir = tempfile::tempdir().expect("a folder");
+    std::fs::create_dir(dir.path().join("dots20")).expect("a folder");
+    crate::common::done(dir.path(), &["validate", "dots20", "--samples", "1"]);
+    std::fs::write(dir.path().join("dots20/pattern.csv"), "1,0,0\n").expect("a file");
+    let refused = crate::common::spindoe(dir.path(), &["validate", "dots20", "--samples", "1"]);
+    assert_eq!(refused.status.code(), Some(2));
     let error = Ball::read("dots41".as_ref()).expect_err("no such design");
     assert!(error.to_string().contains("dots41"), "{error}");
 }

@@ -95,6 +95,88 @@ fn bad_patterns_are_refused_with_file_and_line() {
     );
 }
 
+#[test]
+fn no_output_destroys_an_input() {
+    let shop = workshop();
+    let dir = shop.path();
+    fs::create_dir(dir.join("ball")).unwrap();
+    fs::copy(dir.join("pattern.csv"), dir.join("ball/pattern.csv")).unwrap();
+    fs::write(dir.join("o.csv"), "frame,time_s,qw,qx,qy,qz\na,0,1,0,0,0\n").unwrap();
+    #[cfg(unix)]
+    std::os::unix::fs::symlink("o.csv", dir.join("link.csv")).unwrap();
+    #[cfg(not(unix))]
+    fs::copy(dir.join("o.csv"), dir.join("link.csv")).unwrap();
+    fs::hard_link(dir.join("o.csv"), dir.join("hard.csv")).unwrap();
+    let before = |name: &str| fs::read(dir.join(name)).unwrap();
+    let (pattern, orientations) = (before("pattern.csv"), before("o.csv"));
+    for arguments in [
+        &["table", "pattern.csv", "-o", "pattern.csv"][..],
+        &["table", "ball", "-o", "ball/pattern.csv"],
+        &["table", "pattern.csv", "-o", "ball/../pattern.csv"],
+        &[
+            "mark",
+            "pattern.csv",
+            "--as",
+            "gores",
+            "-o",
+            "./pattern.csv",
+        ],
+        &["synth", "pattern.csv", "--as", "dots", "-o", "pattern.csv"],
+        &["spin", "o.csv", "--picture", "o.csv"],
+        #[cfg(unix)]
+        &["spin", "o.csv", "--picture", "link.csv"],
+        #[cfg(unix)]
+        &["spin", "hard.csv", "--stretches", "o.csv"],
+        &["identify", "--table", "pattern.csv", "o.csv", "-o", "o.csv"],
+        &[
+            "estimate",
+            "--table",
+            "pattern.csv",
+            "ball",
+            "-o",
+            "pattern.csv",
+        ],
+    ] {
+        refused(dir, arguments, "which is read");
+    }
+    for arguments in [
+        &[
+            "estimate",
+            "--table",
+            "pattern.csv",
+            "ball",
+            "-o",
+            "x",
+            "--report",
+            "x",
+        ][..],
+        &[
+            "estimate",
+            "--table",
+            "pattern.csv",
+            "ball",
+            "--overlay",
+            "r",
+            "--report",
+            "./r",
+        ],
+        &[
+            "spin",
+            "o.csv",
+            "--stretches",
+            "s.csv",
+            "--windows",
+            "s.csv",
+        ],
+    ] {
+        refused(dir, arguments, "expected another file than");
+    }
+    assert_eq!(
+        (before("pattern.csv"), before("o.csv")),
+        (pattern, orientations)
+    );
+}
+
 /// A device without an end, in place of each file that is read whole.
 #[test]
 #[cfg(unix)]

@@ -136,9 +136,10 @@ fn a_merge_ranks_for_the_camera_of_its_shards() {
         merged["finalists"].as_array().unwrap().len(),
         "{ranked:?}"
     );
-    let error = |rank: &Value| rank["effective_error_deg"].as_f64().unwrap();
+    // What is reported is not what ranked: half of the frames are others.
+    let frames = |rank: &Value| rank["right"]["trials"].as_u64();
     assert!(
-        ranked.is_sorted_by(|a, b| error(a) <= error(b)),
+        ranked.iter().all(|rank| frames(rank) == Some(8)),
         "{ranked:?}"
     );
     let output = spindoe(dir, &["merge", "a", "no-camera", "--output", "m"]);

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use image::{DynamicImage, ImageFormat, Rgb, RgbImage as Buffer};
 use spindoe::clip::frame_table::{FrameCircles, read_circles, read_times};
-use spindoe::image::{DEFAULT_MAX_PIXELS, RgbImage};
+use spindoe::image::{DEFAULT_MAX_PIXELS, Picture, RgbImage};
 use spindoe::source::files::{Source, open, sources};
 use spindoe::source::{Frame, FrameSource, SourceEnd};
 
@@ -289,4 +289,126 @@ fn slow_motion_and_uneven_frames_keep_their_times() {
         steps.iter().any(|s| (s - 2.0 / 30.0).abs() < 2e-3),
         "{steps:?}"
     );
+}
+
+/// A TIFF file of gray pages of 4 x 3 pixels, the values of each page one more than those of the page before; the second page is a
+/// reduced copy where `copy` says so.
+fn tiff_stack(pages: u32, is_little: bool, copy: bool) -> Vec<u8> {
+    let two = |n: u16| {
+        if is_little {
+            n.to_le_bytes()
+        } else {
+            n.to_be_bytes()
+        }
+    };
+    let four = |n: u32| {
+        if is_little {
+            n.to_le_bytes()
+        } else {
+            n.to_be_bytes()
+        }
+    };
+    let mut bytes: Vec<u8> = if is_little {
+        b"II*\0".to_vec()
+    } else {
+        b"MM\0*".to_vec()
+    };
+    bytes.extend(four(8));
+    let length = 2 + 10 * 12 + 4 + 12;
+    for page in 0..pages {
+        let at = 8 + page * length;
+        let is_copy = u32::from(copy && page == 1);
+        let tags = [
+            (254, is_copy),
+            (256, 4),
+            (257, 3),
+            (258, 8),
+            (259, 1),
+            (262, 1),
+            (273, at + 2 + 120 + 4),
+            (277, 1),
+            (278, 3),
+            (279, 12),
+        ];
+        bytes.extend(two(tags.len() as u16));
+        for (tag, value) in tags {
+            bytes.extend(two(tag));
+            bytes.extend(two(4));
+            bytes.extend(four(1));
+            bytes.extend(four(value));
+        }
+        bytes.extend(four(if page + 1 < pages { at + length } else { 0 }));
+        bytes.extend((0..12).map(|k| (k + page) as u8));
+    }
+    bytes
+}
+
+#[test]
+fn all_pages_of_a_file_are_frames() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("clip.tif");
+    for (pages, is_little, copy) in [
+        (1, true, false),
+        (5, true, false),
+        (5, false, false),
+        (5, true, true),
+    ] {
+        std::fs::write(&path, tiff_stack(pages, is_little, copy)).unwrap();
+        let sources = sources(std::slice::from_ref(&path)).unwrap();
+        let mut source = open(&sources[0], DEFAULT_MAX_PIXELS).unwrap();
+        let frames: Vec<_> = source.frames().map(|frame| frame.unwrap()).collect();
+        assert_eq!(frames.len() as u32, pages - u32::from(copy));
+        let own = (0..pages).filter(|page| !(copy && *page == 1));
+        for (frame, page) in frames.iter().zip(own) {
+            let picture = frame.picture.as_ref().unwrap();
+            let gray = picture.to_rgb().unwrap().to_gray();
+            assert_eq!((gray.width(), gray.height()), (4, 3));
+            assert!(
+                (gray.at(2, 1) - (6 + page) as f32 / 255.0).abs() < 1e-6,
+                "{page}"
+            );
+        }
+        let names: Vec<&str> = frames.iter().map(|f| f.name.as_str()).collect();
+        assert_eq!(names[0], if pages > 1 { "clip_000001" } else { "clip" });
+    }
+    // A chain that leads back ends, as one does that leads nowhere.
+    let mut looped = tiff_stack(2, true, false);
+    let last = 8 + 138 + 2 + 120;
+    looped[last..last + 4].copy_from_slice(&8u32.to_le_bytes());
+    std::fs::write(&path, &looped).unwrap();
+    let mut source = open(
+        &sources(std::slice::from_ref(&path)).unwrap()[0],
+        DEFAULT_MAX_PIXELS,
+    )
+    .unwrap();
+    assert!(source.frames().take(10).count() <= 10);
+}
+
+#[test]
+fn an_animation_is_no_picture() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("one.png");
+    let image = RgbImage::new(2, 2, vec![[0.5; 3]; 4]).unwrap();
+    image.write_png(&path).unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
+    assert!(Picture::decode(&path, &bytes, DEFAULT_MAX_PIXELS).is_ok());
+    // acTL behind IHDR: 24 pictures, played for ever.
+    let mut chunk = vec![0, 0, 0, 8];
+    chunk.extend(*b"acTL\0\0\0\x18\0\0\0\0\0\0\0\0");
+    bytes.splice(33..33, chunk);
+    let refused = Picture::decode(&path, &bytes, DEFAULT_MAX_PIXELS)
+        .unwrap_err()
+        .to_string();
+    assert!(refused.contains("animation of 24"), "{refused}");
+}
+
+#[test]
+fn hidden_files_are_no_frames() {
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["1.png", "._1.png", ".DS_Store", "notes.txt"] {
+        std::fs::write(dir.path().join(name), "x").unwrap();
+    }
+    let listed = spindoe::source::files::list_sources(&[dir.path().to_path_buf()]).unwrap();
+    assert_eq!(listed.sources, [Source::Image(dir.path().join("1.png"))]);
+    assert_eq!(listed.skipped[0].names, ["notes.txt"]);
 }
