@@ -53,7 +53,7 @@ impl DetectorName {
     pub fn build(self) -> Result<DotDetector> {
         Ok(match self {
             Self::Cnn => DotDetector::Cnn(CnnDetector::built_in()?),
-            Self::Blob => DotDetector::Blob(Box::new(BlobDetector::new())),
+            Self::Blob => DotDetector::Blob(Box::default()),
         })
     }
 }
