@@ -1,15 +1,17 @@
 //! The outlines of a clip whose dots are not known: those that leave the path of their neighbors are looked for on it.
 //!
 //! A ball's outline moves on a smooth path ([`expected_outline`]), what else is round mostly does not, and a frame that shows the ball
-//! badly lies between frames that do not. A frame whose outline lies off the path of the eight nearest others, or that has none, is
+//! badly lies between frames that do not. A frame whose outline lies off the path of the nearest others, or that has none, is
 //! searched again near the path; what is found there is its outline. Guarantees: frames on the path keep their outlines.
 
 use crate::vision::frame::estimate::FrameEstimate;
 use crate::vision::frame::outline::OutlineSource;
 use crate::vision::frame::prior::{OutlinePrior, Prior};
 use crate::vision::optics::camera::BallCircle;
-use crate::vision::outline::path::{NEIGHBORS, expected_outline, off};
+use crate::vision::outline::path::{expected_outline, off};
 
+/// The nearest others that make the path: enough that a few neighbors in a row may be wrong, all for the same mark on the ball.
+const NEIGHBORS: usize = 24;
 /// Outlines that lie farther off the path than this, in radii, are not on it.
 const OFF: f64 = 0.12;
 /// Standard deviation of an expected outline, in radii: it is where to look, and no outline.

@@ -3,7 +3,7 @@
 //! ```text
 //! region  -> circles of the edges, of a large image in one of a few hundred pixels   (BallFinder)
 //! circles -> each near by in the image itself: edges and net together                (Locator)
-//! outline    the most complete of these; off the axis of a known camera seen straight at the ball
+//! outline    the most complete of these, unless it is a mark within another; off the axis of a known camera seen straight at the ball
 //! ```
 //!
 //! What is expected (an outline of [`Prior`]) is looked for near by, and what is given is taken as it is. A circle of the edges is
@@ -31,8 +31,13 @@ use crate::vision::outline::recenter::Recentering;
 const SIDE: usize = 320;
 /// Circles that are looked at closer.
 const TRIED: usize = 4;
-/// A circle as complete as this is the ball: no other is looked at.
+/// A circle as complete as this is the best of its place.
 const COMPLETE: f64 = 0.85;
+/// A circle of less than this part of another's radius, within so many of its radii, may be a mark on it; the other is a ball's from this
+/// worth on.
+const MARK: f64 = 0.75;
+const AROUND: f64 = 1.05;
+const CLEAR: f64 = 0.55;
 /// What an outline of the net alone is worth: that of edges on so much of the rim.
 const BY_NET: f64 = 0.5;
 
@@ -132,9 +137,12 @@ impl OutlineFinder {
         }
         let (finder, circles) = (&mut ws.finder, &mut ws.circles);
         let found = ws.images.view(image, region, level, |crop| {
+            let in_gray = finder.find_of_any_sign(crop.gray);
             let found = match crop.image {
-                ImageView::Color(color) => finder.find_in_color(crop.gray, color),
-                ImageView::Gray(_) | ImageView::Raw(_) => finder.find(crop.gray),
+                ImageView::Color(color) if in_gray.is_err() => {
+                    finder.find_in_color(crop.gray, color)
+                }
+                _ => in_gray,
             };
             let all = found.iter().copied().chain(finder.others());
             circles.clear();
@@ -154,7 +162,7 @@ impl OutlineFinder {
         }
     }
 
-    /// The most complete outline at these places.
+    /// The outline at these places: the most complete one, or one around it.
     fn best_of(
         &self,
         image: ImageView<'_>,
@@ -172,15 +180,12 @@ impl OutlineFinder {
             let found = images.view(image, &part, level, |crop| self.at_place(&crop, place, ws));
             ws.images = images;
             match found {
-                Ok(worth) if best.is_none_or(|best| worth > best) => {
+                Ok(worth) if best.is_none_or(|best| is_better(worth, &ws.there, best, out)) => {
                     best = Some(worth);
                     std::mem::swap(&mut ws.there, out);
                 }
                 Ok(_) => {}
                 Err(reason) => why = reason,
-            }
-            if best.is_some_and(|worth| worth >= COMPLETE) {
-                break;
             }
         }
         best.map(|_| ()).ok_or(why)
@@ -218,6 +223,22 @@ impl OutlineFinder {
         there.circle = there.outline.map(|o: Outline| o.circle);
         there.place(&crop.grid);
         Ok(worth)
+    }
+}
+
+/// Whether a circle is rather the ball's than the best so far. What lies within a circle that is clear is a mark on it, however whole.
+fn is_better(worth: f64, there: &FrameEstimate, best: f64, so_far: &FrameEstimate) -> bool {
+    let (Some(new), Some(old)) = (there.circle, so_far.circle) else {
+        return worth > best;
+    };
+    let within = |small: &BallCircle, large: &BallCircle| {
+        let apart = (small.center.u - large.center.u).hypot(small.center.v - large.center.v);
+        small.radius < MARK * large.radius && apart + small.radius < AROUND * large.radius
+    };
+    match (within(&old, &new), within(&new, &old)) {
+        (true, _) => worth >= CLEAR,
+        (_, true) => best < CLEAR && worth > best,
+        _ => worth > best,
     }
 }
 

@@ -90,7 +90,19 @@ impl BallFinder {
         self.found.clear();
         self.has_contrast = false;
         self.min_radius = self.config.min_radius_px;
-        self.search(image)
+        self.search(image, false)
+    }
+
+    /// As [`BallFinder::find`], where a whole circle is no reason not to look for those that are brighter here and darker there: it may
+    /// be a mark on the ball.
+    ///
+    /// # Errors
+    /// A [`NoBall`] that says why there is none.
+    pub(crate) fn find_of_any_sign(&mut self, image: &GrayImage) -> Result<BallFit, NoBall> {
+        self.found.clear();
+        self.has_contrast = false;
+        self.min_radius = self.config.min_radius_px;
+        self.search(image, true)
     }
 
     /// As [`BallFinder::find`] in the image's gray, and where that gives no complete outline, also in the color in which the ball differs most
@@ -108,7 +120,7 @@ impl BallFinder {
         let mut contrast = std::mem::take(&mut self.contrast);
         self.has_contrast = color.to_contrast_into(&mut contrast);
         let found = if self.has_contrast {
-            let in_color = self.search(&contrast);
+            let in_color = self.search(&contrast, false);
             self.best().ok_or(()).or(in_color).or(in_gray)
         } else {
             in_gray
@@ -228,8 +240,8 @@ impl BallFinder {
         }
     }
 
-    /// Adds an image's circles to those found; the best of all.
-    fn search(&mut self, image: &GrayImage) -> Result<BallFit, NoBall> {
+    /// Adds an image's circles to those found, those of any sign also where another is whole; the best of all.
+    fn search(&mut self, image: &GrayImage, of_any_sign: bool) -> Result<BallFit, NoBall> {
         let longer = image.width().max(image.height()) as f64;
         if image.width().min(image.height()) < self.config.min_radius_px as usize {
             return Err(NoBall::TooSmall {
@@ -242,7 +254,7 @@ impl BallFinder {
         self.reserve(image);
         let mut support = self.vote(image, most, &[Polarity::Brighter, Polarity::Darker]);
         // Against a background of middling brightness, a ball in slanting light is brighter here and darker there.
-        if self.best().is_none_or(|b| b.support < WHOLE) {
+        if of_any_sign || self.best().is_none_or(|b| b.support < WHOLE) {
             let either = self.vote(image, most, &[Polarity::Mixed]);
             support = match (support, either) {
                 (Some(a), Some(b)) => Some(a.max(b)),
