@@ -2,7 +2,7 @@
 //!
 //! | what is wrong | how it shows | what is done |
 //! |---|---|---|
-//! | images that repeat the one before | equal orientations among others that differ | they are left out |
+//! | images that repeat the one before | equal orientations among others that differ | they are left out; where they repeat as in a clip that was brought to a higher rate, the others were taken at even times |
 //! | times on a coarse grid | even times, rounded: no other explains all steps | the even times are taken; their rate has the error that rounding leaves |
 //! | frames lost or added, the others numbered on | steps of the turn that are whole multiples of one | the times are moved by whole intervals |
 //! | times that scatter | angles that scatter about a steady turn, more the faster it is | the orientations have that error along the turn |
@@ -33,6 +33,8 @@ const MAX_ROUNDED: f64 = 0.6;
 const MIN_ROUNDED: f64 = 0.05;
 /// Times that show whether they are rounded.
 const MIN_ROUNDED_TIMES: usize = 8;
+/// From so many repeated images on they may be those of a clip that was brought to a higher rate: then they repeat regularly.
+const MIN_RESAMPLED: usize = 3;
 /// Along the turn the orientations are off by so many times as much as across it where the times are in doubt though a motion
 /// holds: of noise that is the same in all directions ten frames are so once in a hundred thousand times.
 const LOPSIDED: f64 = 3.0;
@@ -202,7 +204,8 @@ fn mended(measurements: &[Measurement], config: &SpinConfig) -> Option<Reading> 
         },
         None => return None,
     };
-    if let Some(rounding) = rounding(&reading.measurements) {
+    let resampled = resampled(&reading.measurements, measurements);
+    if let Some(rounding) = resampled.or_else(|| rounding(&reading.measurements)) {
         reading.clock.grid_s = Some(rounding.grid_s);
         reading.config.clock_rate_std = rounding.rate_std;
         for (m, time_s) in reading.measurements.iter_mut().zip(rounding.times_s) {
@@ -245,33 +248,43 @@ fn rounding(measurements: &[Measurement]) -> Option<Rounding> {
     let times = || measurements.iter().map(|m| m.time_s);
     let is_on = |grid: &f64| times().all(|t| (t / grid - (t / grid).round()).abs() < 1e-3);
     let grid_s = GRIDS_S.into_iter().find(is_on)?;
-    let (counts, interval) = lattice(measurements, 0.5)?;
+    let (counts, _) = lattice(measurements, 0.5)?;
+    evened(measurements, &counts, grid_s)
+}
+
+/// The even times of which these are rounded up or down to a grid, by their counts of the interval.
+fn evened(measurements: &[Measurement], counts: &[i64], grid_s: f64) -> Option<Rounding> {
+    let times = || measurements.iter().map(|m| m.time_s);
     let n = measurements.len() as f64;
     let middle = counts.iter().sum::<i64>() as f64 / n;
     let mean = times().sum::<f64>() / n;
     let off = |k: &i64| *k as f64 - middle;
     let square: f64 = counts.iter().map(|k| off(k).powi(2)).sum();
-    let product: f64 = counts
-        .iter()
-        .zip(times())
-        .map(|(k, t)| off(k) * (t - mean))
-        .sum();
-    let slope = product / square;
+    let products = counts.iter().zip(times()).map(|(k, t)| off(k) * (t - mean));
+    let slope = products.sum::<f64>() / square;
     let even = |k: &i64| mean + slope * off(k);
     let errors = || {
-        counts
-            .iter()
-            .zip(times())
-            .map(|(k, t)| (t - even(k)) / grid_s)
+        let pairs = counts.iter().zip(times());
+        pairs.map(|(k, t)| (t - even(k)) / grid_s)
     };
     let largest = errors().map(f64::abs).fold(0.0, f64::max);
     let rms = (errors().map(|e| e * e).sum::<f64>() / n).sqrt();
-    let is_rounded = largest < MAX_ROUNDED && rms > MIN_ROUNDED && grid_s < interval;
+    let is_rounded = largest < MAX_ROUNDED && rms > MIN_ROUNDED && grid_s < slope;
     is_rounded.then(|| Rounding {
         grid_s,
         times_s: counts.iter().map(even).collect(),
         rate_std: grid_s / (12.0 * square).sqrt() / slope,
     })
+}
+
+/// The even times at which the images were taken that a clip at another rate repeats, its own frames being the grid.
+fn resampled(measurements: &[Measurement], given: &[Measurement]) -> Option<Rounding> {
+    if measurements.len() < MIN_ROUNDED_TIMES || given.len() - measurements.len() < MIN_RESAMPLED {
+        return None;
+    }
+    let (_, grid_s) = lattice(given, 0.5)?;
+    let counts: Vec<i64> = (0..measurements.len() as i64).collect();
+    evened(measurements, &counts, grid_s)
 }
 
 /// Counts of the interval that the times are multiples of, but for this share of it each; and that interval.
@@ -288,7 +301,7 @@ pub(super) fn lattice(measurements: &[Measurement], off: f64) -> Option<(Vec<i64
     let mut counts = vec![0];
     for step in steps() {
         let count = (step / interval).round();
-        if (step / interval - count).abs() > off || count < 1.0 || count > 1e6 {
+        if (step / interval - count).abs() > off || !(1.0..=1e6).contains(&count) {
             return None;
         }
         counts.push(counts[counts.len() - 1] + count as i64);

@@ -1,8 +1,9 @@
 //! A spin is believed only where the frames believe it, and lies of the clock are named: a sample of what `bench spin-lies` measures.
 
+use spindoe::spin::Measurement;
 use spindoe::spin::simulate::stream;
 
-use super::lies::{Fate, Judged, LIES, TRUTHS, judge};
+use super::lies::{Fate, Judged, LIES, NOISE_DEG, TRUTHS, judge, turning};
 
 const CLIPS: u64 = 40;
 
@@ -18,6 +19,7 @@ fn true_clips_are_answered_without_a_word_of_their_times() {
         let is_altered = ["two frames swapped", "one frame twice", "one frame lost"].contains(name);
         for (i, judged) in clips(*make, 300 + number as u64).iter().enumerate() {
             assert_eq!(judged.fate, Fate::Right, "{name} {i}: {}", judged.words);
+            assert!(judged.error < 0.3, "{name} {i}: {}", judged.words);
             assert!(
                 is_altered || !judged.told.anything(),
                 "{name} {i}: {}",
@@ -37,5 +39,26 @@ fn no_lie_gives_a_wrong_spin_without_a_word() {
         }
         let named = judged.iter().filter(|j| is_named(&j.told)).count();
         assert!(named as f64 >= 0.8 * CLIPS as f64, "{name}: {named} named");
+    }
+}
+
+#[test]
+fn a_clip_that_was_brought_to_a_higher_rate_keeps_its_spin() {
+    // 200 frames per second shown as 240: some images twice, the others up to an interval late.
+    for (i, rps) in [2.0, 8.0, 30.0, 60.0].into_iter().enumerate() {
+        let taken: Vec<f64> = (0..48).map(|k| f64::from(k) / 200.0).collect();
+        let mut clip = turning(&mut stream(500, i as u64), rps, NOISE_DEG, &taken);
+        let shown = (0..57).map(|k| Measurement {
+            time_s: k as f64 / 240.0,
+            ..clip.measurements[k * 200 / 240]
+        });
+        clip.measurements = shown.collect();
+        let judged = judge(&clip);
+        assert_eq!(judged.fate, Fate::Right, "{}", judged.words);
+        assert!(
+            judged.error < 0.01 && judged.told.repeated,
+            "{}",
+            judged.words
+        );
     }
 }
