@@ -285,7 +285,7 @@ mod tests {
         assert!((sign_test(4, 1) - 6.0 / 32.0).abs() < 1e-12);
         assert!((sign_test(10, 0) - 1.0 / 1024.0).abs() < 1e-12);
         assert_eq!(sign_test(0, 0), 1.0);
-        assert!((sign_test(3, 7) + sign_test(6, 4) - 1.0).abs() < 1e-12);
+        assert!((sign_test(3, 7) + sign_test(8, 2) - 1.0).abs() < 1e-12);
     }
 
     #[test]
