@@ -549,7 +549,7 @@ mod tests {
         for k in 0..1000 {
             let mut bytes = files[k % files.len()].as_bytes().to_vec();
             for _ in 0..rng.random_range(1..6) {
-                bytes.push(b'\n');
+                bytes.extend_from_slice(b"\n");
                 let at = rng.random_range(0..bytes.len());
                 match rng.random_range(0..4) {
                     0 => bytes[at] = rng.random(),
