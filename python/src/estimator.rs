@@ -252,7 +252,7 @@ impl Estimator {
             Ok(found)
         };
         let count = images.len();
-        estimate_passes(&*self.inner, config, &prior, count, times_s, on_images)
+        estimate_passes(&self.inner, config, &prior, count, times_s, on_images)
     }
 
     /// Does the work on some of the images, by their numbers, on all cores.

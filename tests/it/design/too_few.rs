@@ -124,8 +124,8 @@ fn failures_by_the_number_of_dots_are_what_trials_have() {
             }
         }
         let CountFailures { logit, slope, .. } = CountFailures::of_view(&name.view(), 12).unwrap();
-        for k in 3..6 {
-            let [right, wrong] = counts[k].map(f64::from);
+        for (k, count) in counts.iter().enumerate().skip(3).take(3) {
+            let [right, wrong] = count.map(f64::from);
             let found = wrong / (right + wrong);
             let expected = 1.0 / (1.0 + (slope * (k - 3) as f64 - logit).exp());
             assert!(
