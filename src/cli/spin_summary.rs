@@ -59,6 +59,7 @@ pub(super) fn to_json(summary: &SpinSummary, frame: CameraFrame) -> Value {
             "repeated": clock.repeated,
             "grid_s": clock.grid_s,
             "slipped": clock.slipped,
+            "rate_ratio": clock.rate_ratio,
             "scatter_s": clock.scatter_s,
             "words": clock.words(),
         }),

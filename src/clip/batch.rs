@@ -20,6 +20,7 @@ use crate::pipeline::{Sink, map_ordered_within};
 use crate::source::files::{self, SkippedFiles, Source};
 use crate::source::video::VideoClock;
 use crate::source::{Frame, FrameSource, SourceEnd};
+use crate::spin::robust::TimeOrigin;
 use crate::spin::{Fit, SpinRejection};
 use crate::vision::estimator::propose::MAX_THOROUGH;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
@@ -152,6 +153,14 @@ pub enum TimeSource {
 }
 
 impl TimeSource {
+    /// What the clock of a spin makes of it.
+    pub fn origin(&self) -> TimeOrigin {
+        match self {
+            Self::Video(_) => TimeOrigin::Video,
+            _ => TimeOrigin::Stated,
+        }
+    }
+
     /// Why the numbers in the frames' names are no times, where they are none.
     pub fn problem(&self) -> Option<&'static str> {
         match self {

@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 use super::belief::Circle;
 use super::clock::{Reading, TIE, lattice};
 use super::motion::ConstantSpin;
-use super::robust::SpinConfig;
+use super::robust::{SpinConfig, TimeOrigin};
 use super::{MIN_FRAMES, Measurement};
 
 /// Longest sequence that is read in another way than its times say, and the fewest orientations on a circle.
@@ -104,6 +104,14 @@ impl<'a> Angles<'a> {
             }
         }
         reading.clock.slipped = moved;
+        let shown = counts.last().copied().unwrap_or(0) - counts[0];
+        if self.config.times == TimeOrigin::Video && moved > 0 && now > 0 && shown > 0 {
+            let ratio = now as f64 / shown as f64;
+            reading.clock.rate_ratio = Some(ratio);
+            for m in &mut reading.measurements {
+                m.time_s = frames[0].time_s + (m.time_s - frames[0].time_s) / ratio;
+            }
+        }
         let is_few = moved as f64 <= MAX_SLIPPED * steps.len() as f64;
         (moved > 0 && is_few && reading.measurements.len() >= MIN_FRAMES).then_some(reading)
     }

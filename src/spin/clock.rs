@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | images that repeat the one before | equal orientations among others that differ | they are left out; where they repeat as in a clip that was brought to a higher rate, the others were taken at even times |
 //! | times on a coarse grid | even times, rounded: no other explains all steps | the even times are taken; their rate has the error that rounding leaves |
-//! | frames lost or added, the others numbered on | steps of the turn that are whole multiples of one | the times are moved by whole intervals |
+//! | frames lost or added, the others numbered on | steps of the turn that are whole multiples of one | the times are moved by whole intervals; of a video's own times, whose duration is right, the intervals are shortened or lengthened |
 //! | times that scatter | angles that scatter about a steady turn, more the faster it is | the orientations have that error along the turn |
 //! | a wrong order | the angles are those of an even turn, in another order | it is said; there is no spin |
 //!
@@ -50,6 +50,9 @@ pub struct Clock {
     pub grid_s: Option<f64>,
     /// Steps that are longer or shorter than the times say, by whole intervals.
     pub slipped: usize,
+    /// Of a video whose steps are such: the rate at which its images were taken over that at which it shows them. Its
+    /// duration is kept.
+    pub rate_ratio: Option<f64>,
     /// Standard deviation by which times are off, seconds.
     pub scatter_s: Option<f64>,
 }
@@ -74,7 +77,13 @@ impl Clock {
                 "the times are even ones rounded to {grid_s} s: the even ones are taken, and their error counted"
             ));
         }
-        if self.slipped > 0 {
+        if let Some(ratio) = self.rate_ratio {
+            words.push(format!(
+                "at {} steps the ball turns a whole multiple of the others, or not at all: the video was brought to another \
+                 rate, its images were taken at {ratio:.3} times that rate, and its duration is kept",
+                self.slipped
+            ));
+        } else if self.slipped > 0 {
             words.push(format!(
                 "at {} steps the ball turns a whole multiple of the others, or not at all: frames are lost or repeated there \
                  though the times go on, and the spin is that with the times moved by whole intervals",

@@ -25,6 +25,17 @@ impl MagnitudePrior {
     }
 }
 
+/// What the times of a sequence are from, which decides what frames that are missing without a gap mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum TimeOrigin {
+    /// A rate, a table, names: frames that are lost were not counted, and all that follow are late.
+    #[default]
+    Stated,
+    /// A video's own time stamps: as a whole they are right, and a program that brought the clip to another rate left out
+    /// or repeated images.
+    Video,
+}
+
 /// How spins are estimated: the settings of [`RobustEstimator`], [`fit_decay`](super::decay::fit_decay) and
 /// [`fit_precession`](super::precession::fit_precession).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,6 +51,8 @@ pub struct SpinConfig {
     pub shared: Option<SharedError>,
     /// Prior of the magnitude, if there is one.
     pub prior: Option<MagnitudePrior>,
+    /// What the times are from.
+    pub times: TimeOrigin,
     /// Relative standard deviation of the rate of the clock that the times are from.
     pub clock_rate_std: f64,
     /// Expected number of spins with as much agreement by chance that is still accepted.
@@ -68,6 +81,7 @@ impl Default for SpinConfig {
             sigma_degrees: 4.0,
             shared: None,
             prior: None,
+            times: TimeOrigin::Stated,
             clock_rate_std: 0.0,
             false_alarms: 0.2,
             window: 10,

@@ -19,7 +19,7 @@ use super::belief::Belief;
 use super::chance::expected_by_chance;
 use super::clock::{Clock, examined};
 use super::config::SLOWEST_RPS;
-pub use super::config::{MagnitudePrior, SpinConfig};
+pub use super::config::{MagnitudePrior, SpinConfig, TimeOrigin};
 use super::mixture::{Mixture, RatePrior, Settled, Spread, inlier_probability};
 use super::motion::{ConstantSpin, LocalFrame, Motion};
 use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pair, pair_radius};

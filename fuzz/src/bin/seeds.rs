@@ -62,7 +62,7 @@ fn searches(pattern: &Pattern) -> Done {
         cost: 1.0,
         missed: None,
         short_of_goal: false,
-        identity: None,
+        answered: None,
         dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
     };
     let state = SearchState {

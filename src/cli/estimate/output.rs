@@ -101,6 +101,7 @@ fn spin(
     }
     let config = orientations.spin_config(SpinConfig {
         max_rps: arguments.max_spin_rps(),
+        times: batch.times.origin(),
         ..SpinConfig::default()
     });
     let listed = AliasConfig {

@@ -132,6 +132,7 @@ impl<'a> Report<'a> {
         let orientations = orientations(batch, &poses, axes);
         let config = SpinConfig {
             max_rps: arguments.max_spin_rps(),
+            times: batch.times.origin(),
             ..SpinConfig::default()
         };
         let timed = batch.times_s();

@@ -62,3 +62,33 @@ fn a_clip_that_was_brought_to_a_higher_rate_keeps_its_spin() {
         );
     }
 }
+
+#[test]
+fn a_video_that_was_brought_to_a_lower_rate_keeps_its_duration() {
+    use spindoe::spin::estimate::{MotionModel, SpinEstimate};
+    use spindoe::spin::robust::{SpinConfig, TimeOrigin};
+
+    // Images are left out so that the rest can be shown at even times: the steps between them are of one interval or two.
+    let rates = [(25.0, 20.0, 0.6), (30.0, 24.0, 1.0), (240.0, 200.0, 8.0)];
+    for (i, (from, to, rps)) in rates.into_iter().enumerate() {
+        let times: Vec<f64> = (0..40).map(|k| f64::from(k) / from).collect();
+        let clip = turning(&mut stream(501, i as u64), rps, NOISE_DEG, &times);
+        let shown = (0..32).map(|j| f64::from(j) / to);
+        let measurements: Vec<Measurement> = shown
+            .map(|time_s| Measurement {
+                time_s,
+                ..clip.measurements[(time_s * from).round() as usize]
+            })
+            .collect();
+        let config = SpinConfig {
+            times: TimeOrigin::Video,
+            ..SpinConfig::default()
+        };
+        let found = SpinEstimate::fit(&measurements, MotionModel::Auto, &config).unwrap();
+        let (spin, expected) = (found.at(found.middle_s()).motion.spin, clip.spin);
+        let what = format!("{from} {to}: {spin} {expected} {:?}", found.clock);
+        assert!((spin - expected).norm() < 0.02 * expected.norm(), "{what}");
+        let ratio = found.clock.rate_ratio.unwrap_or_default();
+        assert!((ratio * to / from - 1.0).abs() < 0.03, "{what}");
+    }
+}

@@ -83,6 +83,7 @@ impl<'a> Report<'a> {
         }
         let spin = SpinConfig {
             max_rps: arguments.max_spin_rps(),
+            times: batch.times.origin(),
             ..SpinConfig::default()
         };
         let numbered = times_s
