@@ -155,6 +155,9 @@ impl DesignRequest {
     /// dots do not fit.
     pub fn config(&self) -> Result<DesignConfig> {
         let dots = self.dot_count()?;
+        let expected = format!("{MIN_DOTS} to {MAX_DOTS}");
+        let inside = (MIN_DOTS..=MAX_DOTS).contains(&dots);
+        require(inside, "dots", &expected, dots)?;
         let protocols = self.protocols()?;
         let views: Vec<ViewModel> = protocols.iter().map(|p| *p.view()).collect();
         let name = self.objective.unwrap_or(ObjectiveName::for_dots(dots));

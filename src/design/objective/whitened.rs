@@ -15,16 +15,15 @@
 //! mean over all triples of the distance to the nearest other triple, in units of sigma.
 //!
 //! Nearest neighbors are sought among the closest in pairwise angles (`|difference|^2 / 4 <= d^2`), each triple's in
-//! ascending order: of all orders of two triples that one has the smallest difference. They are then aligned exactly, as
-//! is the triple with itself, its dots exchanged in a circle;
-//! where the nearest switches, one of the two gradients is used. For more than 32 dots the mean is over as many triples
+//! ascending order: of all orders of two triples that one has the smallest difference. They, and the triple itself, are
+//! then aligned exactly, in every order that the angles leave possible; where the nearest switches, one of the two gradients is used. For more than 32 dots the mean is over as many triples
 //! as 32 have, each among all.
 
 use std::num::NonZero;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
-use super::align::{add_gradient, align};
+use super::align::{Alignment, add_gradient, align};
 use super::evaluation::Evaluation;
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, angle_between, pair_rotation};
@@ -54,6 +53,16 @@ impl Default for WhitenedNearestNeighbor {
     }
 }
 
+/// The orders of three dots.
+const ORDERS: [[usize; 3]; 6] = [
+    [0, 1, 2],
+    [0, 2, 1],
+    [1, 0, 2],
+    [1, 2, 0],
+    [2, 0, 1],
+    [2, 1, 0],
+];
+
 /// Three dots in the order of the angles between them.
 struct Triple {
     /// The first two are nearest to each other, the last two farthest apart.
@@ -63,6 +72,17 @@ struct Triple {
 }
 
 impl Triple {
+    /// No alignment with a triple of these angles is nearer, with the dots in this order.
+    fn gap_squared(&self, angles: &[f64; 3], order: [usize; 3]) -> f64 {
+        let [a, b, c] = self.angles;
+        // Between the first two dots, the first and the last, the last two.
+        let between = [[0.0, a, b], [a, 0.0, c], [b, c, 0.0]];
+        let [i, j, k] = order;
+        let mine = [between[i][j], between[i][k], between[j][k]];
+        let gaps = mine.iter().zip(angles).map(|(x, y)| (x - y) * (x - y));
+        0.25 * gaps.sum::<f64>()
+    }
+
     fn all(dots: &[Vec3]) -> Vec<Self> {
         let n = dots.len();
         let angle: Vec<f64> = (0..n * n)
@@ -113,18 +133,24 @@ impl WhitenedNearestNeighbor {
                 .query(&angles[at])
                 .nearest_n::<SquaredEuclidean<f64>>(CANDIDATES)
                 .execute();
-            let others = near.iter().map(|item| item.item as usize);
-            let others = others.filter(|&other| other != at).map(|k| all[k].dots);
-            let [i, j, k] = *triple;
-            let nearest = others
-                .chain([[j, k, i], [k, i, j]])
-                .filter_map(|other| {
-                    let [i, j, _] = *triple;
-                    let [k, l, _] = other;
-                    let start = pair_rotation([&dots[k], &dots[l]], [&dots[i], &dots[j]])?;
-                    Some((other, align(dots, triple, &other, &start)?))
-                })
-                .min_by(|(_, a), (_, b)| a.distance_squared.total_cmp(&b.distance_squared));
+            let mut nearest: Option<([usize; 3], Alignment)> = None;
+            for other in near.iter().map(|item| &all[item.item as usize]) {
+                for order in ORDERS {
+                    let least = nearest
+                        .as_ref()
+                        .map_or(f64::INFINITY, |n| n.1.distance_squared);
+                    let dots_of = order.map(|k| other.dots[k]);
+                    if dots_of == *triple || other.gap_squared(&angles[at], order) >= least {
+                        continue;
+                    }
+                    let ([i, j, _], [k, l, _]) = (*triple, dots_of);
+                    let start = pair_rotation([&dots[k], &dots[l]], [&dots[i], &dots[j]]);
+                    let aligned = start.and_then(|start| align(dots, triple, &dots_of, &start));
+                    if let Some(aligned) = aligned.filter(|a| a.distance_squared < least) {
+                        nearest = Some((dots_of, aligned));
+                    }
+                }
+            }
             count += 1.0;
             let Some((other, alignment)) = nearest else {
                 continue;

@@ -574,7 +574,7 @@ fn a_design_leaves_a_whole_folder_and_repeats_itself() {
     assert_eq!(a, b);
     assert_eq!(a["validation"].as_array().unwrap().len(), 8);
     assert_eq!(a["stopped"], false);
-    assert_eq!(a["format_version"], 4);
+    assert_eq!(a["format_version"], 5);
     // No seed serves two ends.
     let names = ["search", "selection", "progress", "report"];
     let mut seeds = names.map(|k| a["seeds"][k].as_u64().unwrap()).to_vec();

@@ -401,7 +401,8 @@ fn a_given_pattern_is_improved() {
         ..small(5)
     };
     let found = run(&config, 2);
-    let figure = |p: &Pattern| config.objective.evaluate_at(p.dots()).unwrap().value;
+    let objective = config.objective.clone().sharpened();
+    let figure = |p: &Pattern| objective.evaluate_at(p.dots()).unwrap().value;
     assert!(found.best.value < figure(&from));
     // Improved, not replaced: the dots are where they were, but for some degrees.
     let moved = found
