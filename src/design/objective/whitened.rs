@@ -16,8 +16,8 @@
 //!
 //! Nearest neighbors are sought among the closest in pairwise angles (`|difference|^2 / 4 <= d^2`), each triple's in
 //! ascending order: of all orders of two triples that one has the smallest difference. They, and the triple itself, are
-//! then aligned exactly, in every order that the angles leave possible; where the nearest switches, one of the two gradients is used. For more than 32 dots the mean is over as many triples
-//! as 32 have, each among all.
+//! then aligned exactly, in every order that the angles leave possible; where the nearest switches, one of the two
+//! gradients is used. For more than 32 dots the mean is over as many triples as 32 have, each among all.
 
 use std::num::NonZero;
 
