@@ -164,9 +164,9 @@ fn a_calibration_has_a_page_of_its_own() {
     let report = std::fs::read_to_string(&json).unwrap();
     for (from, to, named) in [
         (
-            "\"format_version\": 2",
+            "\"format_version\": 3",
             "\"format_version\": 99",
-            "expected version 2, found 99",
+            "expected version 3, found 99",
         ),
         ("\"views\"", "\"looks\"", "views"),
         (
@@ -238,7 +238,7 @@ fn files_of_another_pattern_are_rejected() {
         error.contains("stencil.json") && error.contains("000000000000"),
         "{error}"
     );
-    let error = changed("\"format_version\": 4", "\"format_version\": 99");
+    let error = changed("\"format_version\": 5", "\"format_version\": 99");
     assert!(error.contains("expected version 4, found 99"), "{error}");
     let error = changed("\"finalists\"", "\"finalist\"");
     assert!(

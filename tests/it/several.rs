@@ -531,7 +531,10 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
         (&["--balls", "auto", "--calibrate"], "--calibrate"),
         (&["--golf"], "--strobe-ms"),
         (&["--strobe-ms", "0,,1"], "expected milliseconds"),
-        (&["--strobe-ms", "1x9"], "2 to 8 times within 1000 ms"),
+        (
+            &["--strobe-ms", "1x9"],
+            "expected at most 8 flashes, found 9",
+        ),
     ] {
         let base = &["estimate", "--table", "e/table.npz", "e/images"];
         let output = spindoe(dir.path(), &[&base[..], args].concat());
@@ -957,9 +960,10 @@ fn a_launch_monitor_is_advised() {
     ))
     .unwrap();
     let rates = &json["patterns"][0]["rates"];
-    assert_eq!(rates["right"]["trials"], 3, "{json}");
-    assert_eq!(rates["posed"]["trials"], 6, "{json}");
-    assert!(rates["posed"]["successes"].as_u64() >= Some(4), "{json}");
+    // Of three exposures two measure, since the other is of those that choose.
+    assert_eq!(rates["right"]["trials"], 2, "{json}");
+    assert_eq!(rates["posed"]["trials"], 4, "{json}");
+    assert!(rates["posed"]["successes"].as_u64() >= Some(3), "{json}");
     for flag in [&["--fps", "100"][..], &["--camera", "dark"]] {
         let output = spindoe(dir.path(), &[&["advise", "--golf"], flag].concat());
         assert_eq!(output.status.code(), Some(2));
