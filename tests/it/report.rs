@@ -239,7 +239,7 @@ fn files_of_another_pattern_are_rejected() {
         "{error}"
     );
     let error = changed("\"format_version\": 5", "\"format_version\": 99");
-    assert!(error.contains("expected version 4, found 99"), "{error}");
+    assert!(error.contains("expected version 5, found 99"), "{error}");
     let error = changed("\"finalists\"", "\"finalist\"");
     assert!(
         error.contains("report.json") && error.contains("finalists"),
