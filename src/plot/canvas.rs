@@ -16,6 +16,7 @@ use super::axis::Axis;
 use super::backend::{Backend, svg_file};
 use crate::error::{Error, Result};
 use crate::files;
+use crate::stencil::bold_font;
 
 /// Drawn pixels per pixel of the file, along either axis.
 pub(super) const SCALE: u32 = 2;
@@ -70,7 +71,7 @@ fn register_font() -> Result<()> {
         [
             (FontStyle::Normal, dejavu::sans::regular()),
             // The cut that engraves the stencil's numbers, too: a third one would add 350 kB to the wheel.
-            (FontStyle::Bold, dejavu::sans_condensed::bold()),
+            (FontStyle::Bold, bold_font()),
         ]
         .into_iter()
         .all(|(style, bytes)| plotters::style::register_font(FONT, style, bytes).is_ok())
