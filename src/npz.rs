@@ -242,9 +242,11 @@ pub(crate) fn read_array<T: Deserialize + Copy>(
 }
 
 /// Items of an array that counts as small, and small arrays of an archive, at most.
+#[cfg(feature = "vision")]
 const MAX_SMALL: u64 = 64;
 
 /// The small arrays of numbers of any archive, flat, with their names; the others without their items.
+#[cfg(feature = "vision")]
 pub(crate) fn small_arrays(bytes: &[u8]) -> Checked<Vec<(String, Vec<f64>)>> {
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| {
         let problem = format!("not a complete .npz file: {}", one_line(&e));

@@ -216,6 +216,7 @@ pub fn normal_cdf(x: f64) -> f64 {
 }
 
 /// The `z` that a standard normal number exceeds, up or down, with the probability `error`.
+#[cfg(feature = "vision")]
 pub(crate) fn normal_reach(error: f64) -> f64 {
     let (mut low, mut high) = (0.0, 40.0);
     for _ in 0..60 {
@@ -257,6 +258,7 @@ pub fn quantile(sorted: &[f64], q: f64) -> f64 {
 }
 
 /// The median of values in ascending order; NaN for none.
+#[cfg(feature = "vision")]
 pub(crate) fn median_or_nan(sorted: &[f64]) -> f64 {
     match sorted {
         [] => f64::NAN,

@@ -3,9 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 use std::sync::Mutex;
-#[cfg(feature = "vision")]
-use std::sync::atomic::AtomicU64;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 #[cfg(feature = "mark")]
 use std::time::SystemTime;
 use std::time::{Duration, Instant};
@@ -268,7 +266,6 @@ impl Progress {
 
     /// Counts `total` pieces of work that is done on several threads and takes the bar from one share of all work
     /// to another: what it returns learns how many more are done.
-    #[cfg(feature = "vision")]
     pub fn count(
         &self,
         total: u64,

@@ -449,6 +449,8 @@ fn finished_shards(job: &DesignJob, paths: &[PathBuf]) -> Result<Vec<SearchState
 struct Keeper<'a> {
     job: &'a DesignJob,
     shard: Option<ShardRecord>,
+    /// Ends the ranking by a camera.
+    #[cfg_attr(not(feature = "vision"), expect(dead_code))]
     stop: &'a AtomicBool,
     observer: &'a mut dyn JobObserver,
     /// How a camera ranks the finalists.

@@ -60,6 +60,7 @@ mod windows;
 pub use bed::{Bed, COMMON_BEDS};
 pub use config::{Closure, StencilConfig};
 pub use export::{piece_files, stl_bytes};
+#[cfg(feature = "plot")]
 pub(crate) use glyphs::bold_font;
 pub use joint::Joint;
 pub use marks::{DotNumber, Label};

@@ -4,7 +4,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::Arguments;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::files;
 use crate::geometry::random_direction;
 use crate::spin::orientations::Orientations;
@@ -76,7 +76,7 @@ impl Arguments {
         if rates.right.successes == 0 {
             let problem =
                 format!("of {CAMERA_FRAMES} frames of this pattern it answers none right");
-            return Err(Error::argument("camera", problem));
+            return Err(crate::error::Error::argument("camera", problem));
         }
         let answered = rates.right.rate + rates.wrong.rate;
         let [low, high] = conditions.rps;
