@@ -162,7 +162,7 @@ impl StencilConfig {
         let of = |least: f64, of_ball: f64| least + of_ball * ball_diameter_mm;
         let screws = SCREWS_MM.into_iter();
         Self {
-            wall_mm: of(0.8, 0.05),
+            wall_mm: of(1.2, 0.04),
             taper_rad: of(10.0, 0.5).to_radians(),
             min_web_mm: of(0.4, 0.01),
             screw_diameter_mm: screws.fold(SCREWS_MM[0], |thick, thin| {

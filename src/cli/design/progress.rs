@@ -94,6 +94,7 @@ impl<'a> DesignProgress<'a> {
     }
 
     /// What has been seen of a camera before the search.
+    #[cfg(feature = "vision")]
     pub fn with_forecast(mut self, forecast: Option<Forecast>) -> Self {
         self.forecast = forecast;
         self
