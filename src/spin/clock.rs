@@ -9,7 +9,7 @@
 //! | a wrong order | the angles are those of an even turn, in another order | it is said; there is no spin |
 //!
 //! The first two are looked for beforehand. The others are readings of a sequence whose orientations turn about one axis but
-//! follow no motion at the given times ([`super::belief`]): the angles on their circle are then compared with each reading's, and
+//! follow no motion at the given times (`belief`): the angles on their circle are then compared with each reading's, and
 //! one that explains them better than random angles do, by more than its free numbers may, is tried. Whatever it leads to must
 //! be believed on its own.
 //!

@@ -36,7 +36,7 @@ pub enum TimeOrigin {
     Video,
 }
 
-/// How spins are estimated: the settings of [`RobustEstimator`], [`fit_decay`](super::decay::fit_decay) and
+/// How spins are estimated: the settings of [`RobustEstimator`](super::robust::RobustEstimator), [`fit_decay`](super::decay::fit_decay) and
 /// [`fit_precession`](super::precession::fit_precession).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpinConfig {

@@ -7,7 +7,7 @@
 //!
 //! Guarantees: the same measurements give the same bits; no allocation once the estimator has seen
 //! a sequence as long, where nothing speaks against its times; a spin is only reported where more frames agree on it than chance would
-//! explain, and where the others do not speak more against it ([`super::belief`]). Not guaranteed: an answer for a spin that is not constant; the model assumes a constant
+//! explain, and where the others do not speak more against it (`belief`). Not guaranteed: an answer for a spin that is not constant; the model assumes a constant
 //! one.
 
 use std::f64::consts::TAU;

@@ -31,7 +31,7 @@ struct Clip {
 struct Found {
     frames: Vec<FrameEstimate>,
     seen_s: Vec<f64>,
-    spin: Vec3,
+    spin: Option<Vec3>,
 }
 
 impl Clip {
@@ -95,8 +95,7 @@ impl Clip {
             Some(rows) => SpinEstimate::fit_with(&measurements, model, &config, rows),
             None => SpinEstimate::fit(&measurements, model, &config),
         };
-        let fit = fit.unwrap();
-        let spin = fit.at(fit.middle_s()).motion.spin;
+        let spin = fit.map(|fit| fit.at(fit.middle_s()).motion.spin).ok();
         Found {
             frames,
             seen_s,
@@ -123,7 +122,7 @@ fn a_ball_is_seen_when_its_row_is_exposed() {
     for seed in [3, 4] {
         let clip = Clip::new(240.0, 0.004, 60.0, seed);
         let (ignored, corrected) = (clip.found(0.0), clip.found(0.004));
-        let off = |found: &Found| found.spin.norm() / clip.spin.norm() - 1.0;
+        let off = |found: &Found| found.spin.unwrap().norm() / clip.spin.norm() - 1.0;
         // The ball runs after the shutter: the frames seem closer than they are.
         assert!(off(&ignored) > 0.01, "{}", off(&ignored));
         assert!(off(&corrected).abs() < 0.003, "{}", off(&corrected));
@@ -141,9 +140,12 @@ fn rows_settle_what_the_frame_rate_leaves_open() {
     for (seed, rps) in [(6, 20.0), (8, 40.0), (12, 40.0)] {
         let clip = Clip::new(60.0, 0.015, rps, seed);
         let (ignored, corrected) = (clip.found(0.0), clip.found(0.015));
-        assert!((ignored.spin.norm() / TAU - 20.0).abs() < 2.0);
-        assert!((corrected.spin.norm() / TAU - rps).abs() < 0.3, "{rps}");
-        let off_deg = corrected.spin.angle(&clip.spin).to_degrees();
+        // Where the rows are ignored the times are wrong: the slower spin, or none that these times explain.
+        let slower = |spin: Vec3| (spin.norm() / TAU - 20.0).abs() < 2.0;
+        assert!(ignored.spin.is_none_or(slower), "{:?}", ignored.spin);
+        let spin = corrected.spin.unwrap();
+        assert!((spin.norm() / TAU - rps).abs() < 0.3, "{rps}");
+        let off_deg = spin.angle(&clip.spin).to_degrees();
         assert!(off_deg < 1.0, "{off_deg}");
         let [before, after] = [&ignored, &corrected].map(|found| clip.error_deg(found));
         assert!(after < 0.6 * before, "{after} of {before} deg");
