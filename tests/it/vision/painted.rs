@@ -346,7 +346,7 @@ fn a_painted_ball_is_found_and_followed_in_a_large_picture() {
             let circle = outline.circle;
             let off = (circle.center.u - center[0]).hypot(circle.center.v - center[1]);
             assert!(
-                off < 2.0 && (circle.radius - 50.0).abs() < 2.0,
+                off < 1.0 && (circle.radius - 50.0).abs() < 1.0,
                 "frame {k}: {circle:?}"
             );
             PaintedFrame::take(&image, &outline)
