@@ -142,7 +142,7 @@ def check_design(page, checks, data):
         shown = page.locator("#rates figure details").first
         shown.locator("summary").click()
         words = shown.inner_text()
-        rate = rates[("robust", "sparse")]["identity"]
+        rate = rates[("robust", "sparse")]["answered"]
         checks.that(f"{rate['trials']}" in words, "rates are there as a table with their trials")
         chart = page.locator("#rates svg").first
         chart.focus()

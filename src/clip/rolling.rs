@@ -24,7 +24,7 @@ use super::sequence_view::SequenceView;
 use super::smears::{independent, velocity};
 use crate::geometry::{CameraFrame, Rotation, Vec3};
 use crate::spin::alias::SpinEvidence;
-use crate::spin::estimate::{MotionModel, SpinEstimate};
+use crate::spin::estimate::SpinEstimate;
 use crate::vision::estimator::Estimator;
 use crate::vision::frame::estimate::FrameEstimate;
 use crate::vision::optics::camera::{BallCircle, Pixel};
@@ -220,11 +220,10 @@ fn correct_once(
     };
     let file = orientations(&named, axes, true);
     let (measurements, settings) = (file.measurements(), file.spin_config(config.spin));
-    let fitted = SpinEstimate::fit_with(&measurements, MotionModel::Constant, &settings, &rows);
-    let Ok(fitted) = fitted else {
+    let Ok(fit) = SpinEstimate::provisional(&measurements, &settings, &rows) else {
         return;
     };
-    let spin = fitted.at(fitted.middle_s()).motion.spin;
+    let spin = fit.motion.spin;
     let corrected = rows.frames.iter().filter_map(|moving| {
         let (at_once, refined) = estimator.refined_at_once(moving, &spin, config.row_s)?;
         let pose = refined.of(moving.frame.pose()?);

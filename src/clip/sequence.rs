@@ -125,7 +125,14 @@ pub fn frames_in_doubt(
             .iter()
             .map(|n| n.measurement)
             .collect();
-        let fit = fitter.fit(&around).ok();
+        let fit = match fitter.fit(&around) {
+            // Before rows are corrected their error stands along the turn and speaks against a motion that all follow.
+            Err(_) if config.row_s > 0.0 => {
+                let fit = fitter.provisional(&around).ok();
+                fit.filter(|fit| fit.inliers == around.len())
+            }
+            fit => fit.ok(),
+        };
         let hint = fit.map(|fit| predict(config, &fit, &around, *time_s));
         let outlines: Vec<_> = nearest(&trusted, k, *time_s, NEIGHBORS)
             .iter()

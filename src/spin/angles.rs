@@ -4,14 +4,14 @@
 use std::f64::consts::{PI, TAU};
 
 use super::belief::Circle;
-use super::clock::{Reading, TIE, lattice};
+use super::clock::{Reading, TIE, counted};
 use super::motion::ConstantSpin;
 use super::robust::{SpinConfig, TimeOrigin};
 use super::{MIN_FRAMES, Measurement};
 
-/// Longest sequence that is read in another way than its times say, and the fewest orientations on a circle.
+/// Longest sequence that is read in another way than its times say, and the shortest: of fewer orientations any is explained.
 const MAX_READ: usize = 1024;
-const MIN_READ: usize = 8;
+const MIN_READ: usize = 16;
 /// Share of the orientations that must be on the circle.
 const MIN_ON_CIRCLE: f64 = 0.8;
 /// Evidence, natural logarithm, by which a reading must explain the angles better than chance: its rate and its kind are
@@ -74,7 +74,7 @@ impl<'a> Angles<'a> {
     /// The reading that frames are lost or added.
     pub fn slipped(&self, given: Reading) -> Option<Reading> {
         let frames: Vec<Measurement> = self.on_circle().copied().collect();
-        let (counts, interval) = lattice(&frames, ON_LATTICE)?;
+        let (counts, interval) = counted(&frames, ON_LATTICE)?;
         let steps: Vec<Step> = (1..frames.len())
             .map(|i| Step {
                 angle: self.angles[i] - self.angles[i - 1],
@@ -178,7 +178,7 @@ impl<'a> Angles<'a> {
     /// Revolutions per second of the even turn that has these angles in another order.
     pub fn in_order_rps(&self) -> Option<f64> {
         let frames: Vec<Measurement> = self.on_circle().copied().collect();
-        let (counts, interval) = lattice(&frames, ON_LATTICE)?;
+        let (counts, interval) = counted(&frames, ON_LATTICE)?;
         // As they are off the circle: what was expected would make every place near.
         let squares: f64 = frames.iter().map(|m| self.circle.square_off(m)).sum();
         let sigma = (squares / (2 * frames.len() - 4) as f64).sqrt().max(1e-4);

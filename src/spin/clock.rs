@@ -100,8 +100,42 @@ impl Clock {
     }
 }
 
+/// Room for a look at the times, kept from one sequence to the next.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Room {
+    steps: Vec<f64>,
+    counts: Vec<i64>,
+    /// The sequence as it was read, where its clock is not right.
+    pub reading: Reading,
+}
+
+impl Room {
+    /// Makes room for a sequence of so many frames, which then needs no more whatever its clock says.
+    fn reserve(&mut self, frames: usize) {
+        let Self {
+            steps,
+            counts,
+            reading,
+        } = self;
+        steps.clear();
+        counts.clear();
+        reading.kept.clear();
+        reading.measurements.clear();
+        steps.reserve(frames);
+        counts.reserve(frames);
+        reading.kept.reserve(frames);
+        reading.measurements.reserve(frames);
+    }
+
+    fn median_step(&mut self, steps: impl Iterator<Item = f64>) -> f64 {
+        self.steps.clear();
+        self.steps.extend(steps);
+        crate::stats::median(&mut self.steps)
+    }
+}
+
 /// A sequence with the times that are taken.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Reading {
     pub clock: Clock,
     pub measurements: Vec<Measurement>,
@@ -115,23 +149,46 @@ pub(super) struct Reading {
     pub ln_prior: f64,
 }
 
-/// Fits a sequence as it is given, or as its clock says that it must be read; what was read stands beside the answer. `fit` says
-/// how far its answer is believed.
+impl Reading {
+    /// The sequence as given, without those that are left out.
+    fn take(
+        &mut self,
+        given: &[Measurement],
+        config: &SpinConfig,
+        is_kept: impl Fn(usize) -> bool,
+    ) {
+        self.measurements.clear();
+        self.kept.clear();
+        self.kept.extend((0..given.len()).filter(|k| is_kept(*k)));
+        let kept = self.kept.iter().map(|k| given[*k]);
+        self.measurements.extend(kept);
+        (self.config, self.start, self.ln_prior) = (*config, None, 0.0);
+        self.clock.repeated = given.len() - self.kept.len();
+    }
+}
+
+/// Fits a sequence as it is given, or as its clock says that it must be read; then it stands in `room`, and its clock is not right. `fit`
+/// says how far its answer is believed.
 pub(super) fn examined<T>(
     measurements: &[Measurement],
     config: &SpinConfig,
+    room: &mut Room,
     mut fit: impl FnMut(
         &[Measurement],
         &SpinConfig,
         Option<&ConstantSpin>,
     ) -> Result<(T, Belief), SpinRejection>,
-) -> (Result<T, SpinRejection>, Option<Reading>) {
-    let mended = mended(measurements, config);
-    let (taken, settings) = match &mended {
-        Some(reading) => (&reading.measurements[..], &reading.config),
-        None => (measurements, config),
+) -> Result<T, SpinRejection> {
+    room.reserve(measurements.len());
+    mend(measurements, config, room);
+    let (taken, settings) = match room.reading.clock.is_right() {
+        true => (measurements, config),
+        false => (&room.reading.measurements[..], &room.reading.config),
     };
-    let found = fit(taken, settings, None);
+    let found = fit(taken, settings, None).and_then(|(found, belief)| {
+        belief.check()?;
+        Ok((found, belief))
+    });
     let needed = match &found {
         Ok((_, belief)) if belief.along_over_across > LOPSIDED => Some(belief.gain() + TIE),
         Err(SpinRejection::NotAtTheseTimes { .. }) => Some(f64::NEG_INFINITY),
@@ -140,125 +197,105 @@ pub(super) fn examined<T>(
     let found = found.map(|(found, _)| found);
     let in_doubt = needed.and_then(|needed| Some((needed, Angles::of(taken, settings)?)));
     let Some((needed, angles)) = in_doubt else {
-        return (found, mended);
+        return found;
     };
-    let as_given = || match &mended {
-        Some(reading) => reading.clone(),
-        None => Reading {
-            clock: Clock::default(),
-            measurements: measurements.to_vec(),
-            kept: (0..measurements.len()).collect(),
-            config: *config,
-            start: None,
-            ln_prior: 0.0,
-        },
-    };
-    for reading in [angles.slipped(as_given()), angles.scattered(as_given())] {
+    let mut as_given = room.reading.clone();
+    if as_given.clock.is_right() {
+        as_given.take(measurements, config, |_| true);
+    }
+    for reading in [angles.slipped(as_given.clone()), angles.scattered(as_given)] {
         let Some(reading) = reading else {
             continue;
         };
-        let again = fit(
-            &reading.measurements,
-            &reading.config,
-            reading.start.as_ref(),
-        );
+        let start = reading.start.as_ref();
+        let again = fit(&reading.measurements, &reading.config, start);
         if let Ok((again, belief)) = again
+            && belief.check().is_ok()
             && belief.gain() + reading.ln_prior > needed
         {
-            return (Ok(again), Some(reading));
+            room.reading = reading;
+            return Ok(again);
         }
     }
-    let Err(SpinRejection::NotAtTheseTimes {
-        agreeing, frames, ..
-    }) = found
-    else {
-        return (found, mended);
-    };
-    let in_order_rps = angles.in_order_rps();
-    let rejection = SpinRejection::NotAtTheseTimes {
-        agreeing,
-        frames,
-        in_order_rps,
-    };
-    (Err(rejection), mended)
+    match found {
+        Err(SpinRejection::NotAtTheseTimes {
+            agreeing, frames, ..
+        }) => Err(SpinRejection::NotAtTheseTimes {
+            agreeing,
+            frames,
+            in_order_rps: angles.in_order_rps(),
+        }),
+        found => found,
+    }
 }
 
-/// A sequence without repeated images and with even times where they are rounded; `None` where nothing is to be mended.
-fn mended(measurements: &[Measurement], config: &SpinConfig) -> Option<Reading> {
-    let repeated = repeated(measurements);
-    let mut reading = match repeated {
-        Some(is_repeated) => {
-            let kept: Vec<usize> = (0..measurements.len())
-                .filter(|k| !is_repeated[*k])
-                .collect();
-            Reading {
-                clock: Clock {
-                    repeated: measurements.len() - kept.len(),
-                    ..Clock::default()
-                },
-                measurements: kept.iter().map(|k| measurements[*k]).collect(),
-                kept,
-                config: *config,
-                start: None,
-                ln_prior: 0.0,
-            }
-        }
-        None if rounding(measurements).is_some() => Reading {
-            clock: Clock::default(),
-            measurements: measurements.to_vec(),
-            kept: (0..measurements.len()).collect(),
-            config: *config,
-            start: None,
-            ln_prior: 0.0,
-        },
-        None => return None,
-    };
-    let resampled = resampled(&reading.measurements, measurements);
-    if let Some(rounding) = resampled.or_else(|| rounding(&reading.measurements)) {
-        reading.clock.grid_s = Some(rounding.grid_s);
-        reading.config.clock_rate_std = rounding.rate_std;
-        for (m, time_s) in reading.measurements.iter_mut().zip(rounding.times_s) {
-            m.time_s = time_s;
+/// Leaves repeated images out, and takes even times where they are rounded; the clock is right where nothing is to be mended.
+fn mend(measurements: &[Measurement], config: &SpinConfig, room: &mut Room) {
+    room.reading.clock = Clock::default();
+    let is_repeated = |k: usize| k > 0 && turn(measurements, k) < EQUAL_RAD;
+    if has_repeated(measurements, room) {
+        room.reading.take(measurements, config, |k| !is_repeated(k));
+    } else if rounding(measurements, room).is_some() {
+        room.reading.take(measurements, config, |_| true);
+    } else {
+        return;
+    }
+    let taken = std::mem::take(&mut room.reading.measurements);
+    let even = resampled(&taken, measurements, room).or_else(|| rounding(&taken, room));
+    room.reading.measurements = taken;
+    if let Some(even) = even {
+        room.reading.clock.grid_s = Some(even.grid_s);
+        room.reading.config.clock_rate_std = even.rate_std;
+        for (m, count) in room.reading.measurements.iter_mut().zip(&room.counts) {
+            m.time_s = even.at(*count);
         }
     }
-    Some(reading)
 }
 
-/// Which images repeat the one before; `None` where none does, or the ball is at rest.
-fn repeated(measurements: &[Measurement]) -> Option<Vec<bool>> {
-    let step = |w: &[Measurement]| w[0].orientation.angle_to(&w[1].orientation);
-    let steps = || measurements.windows(2).map(step);
-    if !steps().any(|step| step < EQUAL_RAD) {
-        return None;
+/// The angle between an orientation and the one before.
+fn turn(measurements: &[Measurement], k: usize) -> f64 {
+    let [before, here] = [k - 1, k].map(|k| &measurements[k].orientation);
+    before.angle_to(here)
+}
+
+/// Whether images repeat the one before, unless the ball is at rest.
+fn has_repeated(measurements: &[Measurement], room: &mut Room) -> bool {
+    let turns = || (1..measurements.len()).map(|k| turn(measurements, k));
+    if !turns().any(|turn| turn < EQUAL_RAD) {
+        return false;
     }
-    let mut others: Vec<f64> = steps().filter(|step| *step >= EQUAL_RAD).collect();
-    let is_at_rest =
-        others.len() + 1 < MIN_FRAMES || crate::stats::median(&mut others) < DIFFERENT_RAD;
-    (!is_at_rest).then(|| {
-        std::iter::once(false)
-            .chain(steps().map(|s| s < EQUAL_RAD))
-            .collect()
-    })
+    let median = room.median_step(turns().filter(|turn| *turn >= EQUAL_RAD));
+    room.steps.len() + 1 >= MIN_FRAMES && median >= DIFFERENT_RAD
 }
 
 /// Even times that were rounded.
 struct Rounding {
     grid_s: f64,
-    times_s: Vec<f64>,
+    /// Mean count, and time at it, seconds.
+    middle: f64,
+    mean_s: f64,
+    interval_s: f64,
     /// Relative deviation of the rate that the rounded ones leave.
     rate_std: f64,
 }
 
+impl Rounding {
+    /// The even time of a count.
+    fn at(&self, count: i64) -> f64 {
+        self.mean_s + self.interval_s * (count as f64 - self.middle)
+    }
+}
+
 /// The even times of which these are rounded; `None` where they are even already, or no even ones are.
-fn rounding(measurements: &[Measurement]) -> Option<Rounding> {
+fn rounding(measurements: &[Measurement], room: &mut Room) -> Option<Rounding> {
     if measurements.len() < MIN_ROUNDED_TIMES {
         return None;
     }
     let times = || measurements.iter().map(|m| m.time_s);
     let is_on = |grid: &f64| times().all(|t| (t / grid - (t / grid).round()).abs() < 1e-3);
     let grid_s = GRIDS_S.into_iter().find(is_on)?;
-    let (counts, _) = lattice(measurements, 0.5)?;
-    evened(measurements, &counts, grid_s)
+    lattice(measurements, 0.5, room)?;
+    evened(measurements, &room.counts, grid_s)
 }
 
 /// The even times of which these are rounded up or down to a grid, by their counts of the interval.
@@ -266,54 +303,74 @@ fn evened(measurements: &[Measurement], counts: &[i64], grid_s: f64) -> Option<R
     let times = || measurements.iter().map(|m| m.time_s);
     let n = measurements.len() as f64;
     let middle = counts.iter().sum::<i64>() as f64 / n;
-    let mean = times().sum::<f64>() / n;
+    let mean_s = times().sum::<f64>() / n;
     let off = |k: &i64| *k as f64 - middle;
     let square: f64 = counts.iter().map(|k| off(k).powi(2)).sum();
-    let products = counts.iter().zip(times()).map(|(k, t)| off(k) * (t - mean));
-    let slope = products.sum::<f64>() / square;
-    let even = |k: &i64| mean + slope * off(k);
+    let products = counts
+        .iter()
+        .zip(times())
+        .map(|(k, t)| off(k) * (t - mean_s));
+    let interval_s = products.sum::<f64>() / square;
+    let rounding = Rounding {
+        grid_s,
+        middle,
+        mean_s,
+        interval_s,
+        rate_std: grid_s / (12.0 * square).sqrt() / interval_s,
+    };
     let errors = || {
         let pairs = counts.iter().zip(times());
-        pairs.map(|(k, t)| (t - even(k)) / grid_s)
+        pairs.map(|(k, t)| (t - rounding.at(*k)) / grid_s)
     };
     let largest = errors().map(f64::abs).fold(0.0, f64::max);
     let rms = (errors().map(|e| e * e).sum::<f64>() / n).sqrt();
-    let is_rounded = largest < MAX_ROUNDED && rms > MIN_ROUNDED && grid_s < slope;
-    is_rounded.then(|| Rounding {
-        grid_s,
-        times_s: counts.iter().map(even).collect(),
-        rate_std: grid_s / (12.0 * square).sqrt() / slope,
-    })
+    let is_rounded = largest < MAX_ROUNDED && rms > MIN_ROUNDED && grid_s < interval_s;
+    is_rounded.then_some(rounding)
 }
 
 /// The even times at which the images were taken that a clip at another rate repeats, its own frames being the grid.
-fn resampled(measurements: &[Measurement], given: &[Measurement]) -> Option<Rounding> {
+fn resampled(
+    measurements: &[Measurement],
+    given: &[Measurement],
+    room: &mut Room,
+) -> Option<Rounding> {
     if measurements.len() < MIN_ROUNDED_TIMES || given.len() - measurements.len() < MIN_RESAMPLED {
         return None;
     }
-    let (_, grid_s) = lattice(given, 0.5)?;
-    let counts: Vec<i64> = (0..measurements.len() as i64).collect();
-    evened(measurements, &counts, grid_s)
+    let grid_s = lattice(given, 0.5, room)?;
+    room.counts.clear();
+    room.counts.extend(0..measurements.len() as i64);
+    evened(measurements, &room.counts, grid_s)
 }
 
 /// Counts of the interval that the times are multiples of, but for this share of it each; and that interval.
-pub(super) fn lattice(measurements: &[Measurement], off: f64) -> Option<(Vec<i64>, f64)> {
+pub(super) fn counted(measurements: &[Measurement], off: f64) -> Option<(Vec<i64>, f64)> {
+    let mut room = Room::default();
+    let interval = lattice(measurements, off, &mut room)?;
+    Some((room.counts, interval))
+}
+
+/// As [`counted`], with the counts in `room`.
+fn lattice(measurements: &[Measurement], off: f64, room: &mut Room) -> Option<f64> {
     let steps = || measurements.windows(2).map(|w| w[1].time_s - w[0].time_s);
-    let mut interval = crate::stats::median(&mut steps().collect::<Vec<_>>());
     let duration: f64 = steps().sum();
     // The shortest steps are one interval: a median of steps that are mostly longer is not.
-    interval = interval.min(1.5 * steps().fold(f64::INFINITY, f64::min));
+    let shortest = steps().fold(f64::INFINITY, f64::min);
+    let mut interval = room.median_step(steps()).min(1.5 * shortest);
     for _ in 0..4 {
         let total: f64 = steps().map(|s| (s / interval).round().max(1.0)).sum();
         interval = duration / total;
     }
-    let mut counts = vec![0];
+    room.counts.clear();
+    room.counts.push(0);
+    let mut at = 0;
     for step in steps() {
         let count = (step / interval).round();
         if (step / interval - count).abs() > off || !(1.0..=1e6).contains(&count) {
             return None;
         }
-        counts.push(counts[counts.len() - 1] + count as i64);
+        at += count as i64;
+        room.counts.push(at);
     }
-    Some((counts, interval))
+    Some(interval)
 }

@@ -28,7 +28,7 @@ use std::f64::consts::TAU;
 
 use super::alias::{AliasConfig, Alternative, SpinEvidence, alternatives, weigh};
 use super::belief::Belief;
-use super::clock::{Clock, examined};
+use super::clock::{Clock, Reading, Room, examined};
 use super::decay::DecayFit;
 use super::evidence::fitted;
 use super::mixture::inlier_probability;
@@ -222,6 +222,22 @@ impl SpinEstimate {
         Self::examined(measurements, model, config, Some(evidence))
     }
 
+    /// The constant spin that orientations and `evidence` speak for together, believed or not: what a correction of the orientations
+    /// starts from. The corrected ones decide.
+    ///
+    /// # Errors
+    /// As [`Self::fit`], where no spin agrees with more orientations than chance explains.
+    pub(crate) fn provisional(
+        measurements: &[Measurement],
+        config: &SpinConfig,
+        evidence: &dyn SpinEvidence,
+    ) -> Result<Fit, SpinRejection> {
+        let mut estimator = RobustEstimator::new(*config);
+        let mut fit = estimator.provisional(measurements)?;
+        settle(&mut estimator, &mut fit, measurements, evidence);
+        Ok(fit)
+    }
+
     /// The motion at the times that the clock has.
     fn examined(
         measurements: &[Measurement],
@@ -231,7 +247,8 @@ impl SpinEstimate {
     ) -> Result<Self, SpinRejection> {
         config.check()?;
         check(measurements, MIN_FRAMES)?;
-        let (found, reading) = examined(measurements, config, |measurements, config, start| {
+        let room = &mut Room::default();
+        let found = examined(measurements, config, room, |measurements, config, start| {
             let mut estimator = RobustEstimator::new(*config);
             let mut constant = estimator.fit_given(measurements, start).map(|(fit, _)| fit);
             if let (Ok(fit), Some(evidence)) = (&mut constant, evidence) {
@@ -248,25 +265,28 @@ impl SpinEstimate {
             Ok((found, belief))
         });
         let mut found = found?;
-        if let Some(reading) = reading {
-            found.clock = reading.clock;
-            found.mended = Some((reading.measurements, reading.kept));
+        let Reading {
+            clock,
+            measurements,
+            kept,
+            ..
+        } = std::mem::take(&mut room.reading);
+        if !clock.is_right() {
+            found.clock = clock;
+            found.mended = Some((measurements, kept));
         }
         Ok(found)
     }
 
     /// How far the motion is believed.
     fn belief(&self, measurements: &[Measurement], config: &SpinConfig) -> Belief {
-        let sigma_rad = self
-            .at(self.span_s[0])
-            .sigma_rad
-            .unwrap_or(config.sigma_rad);
+        let at_first = self.at(self.span_s[0]);
+        let sigma_rad = at_first.sigma_rad.unwrap_or(config.sigma_rad);
+        let known = (sigma_rad, at_first.inliers);
         match &self.motion {
-            FittedMotion::Constant(fit) => Belief::of(measurements, &fit.motion, sigma_rad, config),
-            FittedMotion::Decaying(fit) => Belief::of(measurements, &fit.motion, sigma_rad, config),
-            FittedMotion::Precessing(fit) => {
-                Belief::of(measurements, &fit.motion, sigma_rad, config)
-            }
+            FittedMotion::Constant(fit) => Belief::of(measurements, &fit.motion, known, config),
+            FittedMotion::Decaying(fit) => Belief::of(measurements, &fit.motion, known, config),
+            FittedMotion::Precessing(fit) => Belief::of(measurements, &fit.motion, known, config),
         }
     }
 

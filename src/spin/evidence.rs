@@ -415,7 +415,9 @@ impl<M: Richer<P>, const P: usize> Candidate<M, P> {
             && inliers >= MIN_FRAMES
             && is_majority(inliers, measurements)
             && chance <= config.false_alarms
-            && Belief::of(measurements, &motion, sigma_rad, config).holds()
+            && Belief::of(measurements, &motion, (sigma_rad, inliers), config)
+                .check()
+                .is_ok()
     }
 }
 

@@ -17,7 +17,7 @@ use nalgebra::Matrix3;
 use super::alias::{Window, alias_near};
 use super::belief::Belief;
 use super::chance::expected_by_chance;
-use super::clock::{Clock, examined};
+use super::clock::{Clock, Reading, Room, examined};
 use super::config::SLOWEST_RPS;
 pub use super::config::{MagnitudePrior, SpinConfig, TimeOrigin};
 use super::mixture::{Mixture, RatePrior, Settled, Spread, inlier_probability};
@@ -67,7 +67,7 @@ pub struct RobustEstimator {
     probabilities: Vec<f64>,
     parts: Vec<Part<3>>,
     candidates: [Option<Settled<ConstantSpin>>; KEPT],
-    clock: Clock,
+    room: Room,
 }
 
 impl RobustEstimator {
@@ -82,7 +82,7 @@ impl RobustEstimator {
             probabilities: Vec::new(),
             parts: Vec::new(),
             candidates: [None; KEPT],
-            clock: Clock::default(),
+            room: Room::default(),
         }
     }
 
@@ -103,7 +103,7 @@ impl RobustEstimator {
 
     /// What was found wrong with the times of the last sequence, and mended: the spin is that with them mended.
     pub fn clock(&self) -> &Clock {
-        &self.clock
+        &self.room.reading.clock
     }
 
     /// The spin of a sequence.
@@ -115,21 +115,51 @@ impl RobustEstimator {
         self.config.check()?;
         check(measurements, MIN_FRAMES)?;
         let given = self.config;
-        let (found, reading) = examined(measurements, &given, |measurements, config, start| {
-            self.config = *config;
-            self.fit_given(measurements, start)
-        });
-        self.config = given;
-        self.clock = Clock::default();
-        if let Some(reading) = reading {
-            self.clock = reading.clock;
-            let mut all = vec![0.0; measurements.len()];
-            for (k, p) in reading.kept.iter().zip(&self.probabilities) {
-                all[*k] = *p;
+        let mut room = std::mem::take(&mut self.room);
+        let found = examined(
+            measurements,
+            &given,
+            &mut room,
+            |measurements, config, start| {
+                self.config = *config;
+                self.fit_given(measurements, start)
+            },
+        );
+        (self.config, self.room) = (given, room);
+        let Reading { clock, kept, .. } = &self.room.reading;
+        if !clock.is_right() && found.is_ok() {
+            // Those that were left out are no inliers: each of the others moves to its own place, the last first.
+            self.probabilities.resize(measurements.len(), 0.0);
+            for (i, k) in kept.iter().enumerate().rev() {
+                self.probabilities.swap(i, *k);
             }
-            self.probabilities = all;
         }
         found
+    }
+
+    /// A spin that the most orientations follow, believed or not, of those as likely the slowest: what corrections of the orientations
+    /// start from.
+    ///
+    /// # Errors
+    /// As [`Self::fit`], where no spin agrees with more orientations than chance explains.
+    pub(crate) fn provisional(
+        &mut self,
+        measurements: &[Measurement],
+    ) -> Result<Fit, SpinRejection> {
+        self.config.check()?;
+        check(measurements, MIN_FRAMES)?;
+        self.searched(measurements, false)?;
+        let found = self.candidates.iter().flatten();
+        let most = found.clone().map(|c| c.inliers).max().unwrap_or(0);
+        let found = found.filter(|c| c.inliers == most);
+        let top = found
+            .clone()
+            .map(|c| c.log_likelihood)
+            .fold(f64::NEG_INFINITY, f64::max);
+        let likely = found.filter(|c| c.log_likelihood >= top - TIE_MARGIN);
+        let slowest = likely.min_by(|a, b| a.motion.rps().total_cmp(&b.motion.rps()));
+        let slowest = *slowest.ok_or(self.no_consensus(most, measurements.len()))?;
+        self.finish(measurements, &slowest).map(|(fit, _)| fit)
     }
 
     /// The spin of a part of a sequence whose clock is examined as a whole.
@@ -137,10 +167,10 @@ impl RobustEstimator {
     /// # Errors
     /// As [`Self::fit`].
     pub(super) fn fit_part(&mut self, measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
-        self.fit_given(measurements, None).map(|(fit, _)| fit)
+        believed(self.fit_given(measurements, None)?)
     }
 
-    /// The spin of a sequence whose times are right; that next to `start`, if one is given.
+    /// The spin of a sequence whose times are right, believed or not; that next to `start`, if one is given.
     ///
     /// # Errors
     /// As [`Self::fit`].
@@ -156,6 +186,17 @@ impl RobustEstimator {
             let rejected = self.no_consensus(0, measurements.len());
             return self.finish(measurements, &settled.ok_or(rejected)?);
         }
+        let best = self.searched(measurements, self.config.prior.is_none())?;
+        let best = self.among_aliases(measurements, best);
+        self.finish(measurements, &best)
+    }
+
+    /// The likeliest motion that the search finds, or one of its aliases, of those tried first that are the slower ones or all.
+    fn searched(
+        &mut self,
+        measurements: &[Measurement],
+        is_slower_likelier: bool,
+    ) -> Result<Settled<ConstantSpin>, SpinRejection> {
         self.check_spacing(measurements)?;
         let n = measurements.len();
         self.shortlist.clear();
@@ -166,18 +207,14 @@ impl RobustEstimator {
             if gaps.is_empty() || *gaps.start() > n - 1 {
                 break;
             }
-            self.search(measurements, gaps);
+            self.search(measurements, gaps, is_slower_likelier);
             best = self.refine_all(measurements);
             let is_explained = n >= LONG && self.shortlist.best_share() >= ENOUGH;
             if is_explained || best.is_some_and(|b| b.support >= ENOUGH * n as f64) {
                 break;
             }
         }
-        let Some(best) = best else {
-            return Err(self.no_consensus(0, n));
-        };
-        let best = self.among_aliases(measurements, best);
-        self.finish(measurements, &best)
+        best.ok_or(self.no_consensus(0, n))
     }
 
     /// The spin of a sequence of at most twice the `known` frames, the first, that have the spin `fit`: the maximum of the likelihood that
@@ -210,11 +247,10 @@ impl RobustEstimator {
         let settled = start
             .and_then(|start| mixture.settle_within(start, EXTENDING_STEPS).ok())
             .filter(|s| s.motion.rps() <= self.config.max_rps);
-        let (fit, _) = self.finish(measurements, &settled.ok_or(rejected)?)?;
-        Ok(fit)
+        believed(self.finish(measurements, &settled.ok_or(rejected)?)?)
     }
 
-    /// The spin of a sequence that is an alias of `fit`: the maximum of the likelihood next to `spin`.
+    /// The spin of a sequence that is an alias of `fit`, believed or not: the maximum of the likelihood next to `spin`.
     ///
     /// # Errors
     /// A [`SpinRejection`] where no spin near it agrees with the measurements, within the limit.
@@ -267,12 +303,17 @@ impl RobustEstimator {
     }
 
     /// Offers the spins of all pairs with these gaps (in frames) to the shortlist.
-    fn search(&mut self, measurements: &[Measurement], gaps: std::ops::RangeInclusive<usize>) {
+    fn search(
+        &mut self,
+        measurements: &[Measurement],
+        gaps: std::ops::RangeInclusive<usize>,
+        is_slower_likelier: bool,
+    ) {
         let settings = SearchConfig {
             sigma_rad: self.config.sigma_rad,
             max_spin: self.config.max_rps * TAU,
             slowest: SLOWEST_RPS * TAU,
-            is_slower_likelier: self.config.prior.is_none(),
+            is_slower_likelier,
         };
         let max_starts = MAX_STARTS.min(MAX_WIDE_PAIRS / gaps.clone().count());
         for gap in gaps {
@@ -401,10 +442,8 @@ impl RobustEstimator {
         if inliers < MIN_FRAMES || chance > self.config.false_alarms {
             return Err(self.no_consensus(inliers, measurements.len()));
         }
-        let belief = Belief::of(measurements, &best.motion, best.sigma_rad, &self.config);
-        if !belief.holds() {
-            return Err(belief.rejection(inliers, measurements.len()));
-        }
+        let known = (best.sigma_rad, inliers);
+        let belief = Belief::of(measurements, &best.motion, known, &self.config);
         let at_first = Settled {
             motion: best.motion.rebased(measurements[0].time_s),
             ..*best
@@ -448,6 +487,11 @@ impl RobustEstimator {
         let basis = best.motion.local_frame().basis;
         Some((basis * covariance.rates * basis.transpose(), lack_of_fit))
     }
+}
+
+/// A fit, where the measurements believe it.
+fn believed((fit, belief): (Fit, Belief)) -> Result<Fit, SpinRejection> {
+    belief.check().map(|()| fit)
 }
 
 /// Standard deviations of a spin's components, rad/s.

@@ -103,15 +103,15 @@ impl Clip {
         }
     }
 
-    /// Mean error of the poses, degrees.
-    fn error_deg(&self, found: &Found) -> f64 {
+    /// Mean error of the poses, degrees, of at least so many.
+    fn error_deg(&self, found: &Found, least: usize) -> f64 {
         let each = self.frames.iter().zip(&found.frames);
         let errors = each.filter_map(|(frame, found)| {
             let truth = frame.truth.camera_orientation();
             Some(truth.angle_to(&found.pose()?.rotation).to_degrees())
         });
         let errors: Vec<f64> = errors.collect();
-        assert!(errors.len() >= FRAMES - 2, "{}", errors.len());
+        assert!(errors.len() >= least, "{}", errors.len());
         errors.iter().sum::<f64>() / errors.len() as f64
     }
 }
@@ -147,7 +147,9 @@ fn rows_settle_what_the_frame_rate_leaves_open() {
         assert!((spin.norm() / TAU - rps).abs() < 0.3, "{rps}");
         let off_deg = spin.angle(&clip.spin).to_degrees();
         assert!(off_deg < 1.0, "{off_deg}");
-        let [before, after] = [&ignored, &corrected].map(|found| clip.error_deg(found));
+        // Without a spin the frames do not help each other.
+        let before = clip.error_deg(&ignored, FRAMES / 2);
+        let after = clip.error_deg(&corrected, FRAMES - 2);
         assert!(after < 0.6 * before, "{after} of {before} deg");
     }
 }
