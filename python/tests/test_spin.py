@@ -98,7 +98,10 @@ def test_wrong_and_missing_ones_are_left_out():
 
 
 def test_aliases_of_even_times():
+    # None is listed above the largest spin that is considered.
     found = spindoe.fit_spin(TIMES, _sequence(0.01), max_rps=170.0)
+    assert found and not found.aliases
+    found = spindoe.fit_spin(TIMES, _sequence(0.01), max_rps=345.0)
     assert found and found.aliases
     rates = [np.linalg.norm(a.spin_rad_s) / (2 * np.pi) for a in found.aliases]
     assert min(abs(rate - (350.0 - found.rps)) for rate in rates) < 2.0

@@ -49,6 +49,9 @@ pub struct PaintedClip {
     pub scenes: Vec<Scene>,
 }
 
+/// Frames of balls that have nothing to do with each other.
+const UNRELATED: usize = 24;
+const UNRELATED_PX: [f64; 2] = [30.0, 120.0];
 /// Diameters of the balls, pixels.
 const BALL_PX: [f64; 2] = [50.0, 200.0];
 
@@ -82,6 +85,31 @@ impl PaintedClip {
             Handling::Flight => clip.flight(scene, &mut rng),
         }
         Ok(clip)
+    }
+
+    /// Frames each of which shows another ball, of one size.
+    ///
+    /// # Errors
+    /// Settings that cannot be drawn from.
+    pub fn unrelated(seed: u64, k: u64) -> Outcome<Self> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(k);
+        let px = UNRELATED_PX[0] * (UNRELATED_PX[1] / UNRELATED_PX[0]).powf(rng.random::<f64>());
+        let config = SynthConfig {
+            ball_px: Some([px; 2]),
+            ..config(Handling::Flight, &mut rng)
+        };
+        let stand_in = Pattern::new(spiral_directions(12).collect())?;
+        let scenes: Outcome<Vec<Scene>> = (0..UNRELATED)
+            .map(|_| Ok(Scene::random(&stand_in, &config, &mut rng)?))
+            .collect();
+        let scenes = scenes?;
+        Ok(Self {
+            fps: 350.0,
+            ball_px: 2.0 * scenes[0].circle.radius,
+            spin: None,
+            scenes,
+        })
     }
 
     fn push<R: Rng + ?Sized>(&mut self, scene: &Scene, turn: Vec3, exposure_s: f64, rng: &mut R) {

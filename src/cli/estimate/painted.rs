@@ -20,6 +20,9 @@ use crate::vision::outline::circle::CircleConfig;
 use crate::vision::outline::find::OutlineFinder;
 use crate::vision::painted::{PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface};
 
+/// Balls below this diameter, pixels, are called small.
+const SMALL_PX: f64 = 50.0;
+
 /// Keeps what frames show of the paint.
 struct Shown {
     counter: Counter,
@@ -62,6 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     }
     let kept = batch.frames.iter_mut();
     let frames: Vec<PaintedFrame> = kept.map(|f| std::mem::take(&mut f.kept)).collect();
+    say_small(&frames);
     let (poses, made) = match &surface {
         Some(surface) => (tracker.place(&frames, surface), None),
         None => {
@@ -88,6 +92,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
                 Some(table) => format!("no frame shows the paint of {}", table.display()),
             },
         }),
+    }
+}
+
+/// Warns of balls that show little of their paint.
+fn say_small(frames: &[PaintedFrame]) {
+    let mut diameters: Vec<f64> = frames
+        .iter()
+        .filter_map(PaintedFrame::diameter_px)
+        .collect();
+    let diameter = crate::stats::median(&mut diameters);
+    if diameter > 0.0 && diameter < SMALL_PX {
+        errln!(
+            "spindoe: the ball is {diameter:.0} pixels wide: below {SMALL_PX:.0} its paint is followed less well, and lost sooner"
+        );
     }
 }
 

@@ -21,6 +21,8 @@ const READ: f64 = 0.12;
 const COARSE: usize = 32;
 /// Added to the brightness, over its mean: the noise of what is dark does not count.
 const DARK: f64 = 0.15;
+/// Rings of a decoy.
+const RINGS: u8 = 3;
 /// A step of the stored values.
 const STEP: f64 = 0.02;
 
@@ -206,6 +208,23 @@ impl Face {
     /// The value at a direction of the view frame that is in sight.
     pub fn at(&self, direction: &Vec3) -> f64 {
         STEP * bilinear(&self.values, self.side, direction.x, direction.y)
+    }
+
+    /// The face cut into rings of equal areas that are turned against each other.
+    pub(crate) fn decoy(&self) -> Self {
+        let side = self.side;
+        let along = |cell: usize| 2.0 * (cell as f64 + 0.5) / side as f64 - 1.0;
+        let value = |at: usize| {
+            let (x, y) = (along(at % side), -along(at / side));
+            let ring = (f64::from(RINGS) * (x * x + y * y)).floor();
+            let (sin, cos) = (ring * std::f64::consts::TAU / f64::from(RINGS)).sin_cos();
+            let (x, y) = (cos * x - sin * y, sin * x + cos * y);
+            bilinear(&self.values, side, x, y).round() as i8
+        };
+        Self {
+            values: (0..side * side).map(value).collect(),
+            ..self.clone()
+        }
     }
 
     /// What hides the ball, one a value: what is darker than this value and larger than a disc of so many radians.

@@ -81,6 +81,11 @@ impl PaintedFrame {
         size_of::<Self>() + pixels
     }
 
+    /// The ball's diameter, pixels of the image, where it was found.
+    pub fn diameter_px(&self) -> Option<f64> {
+        self.0.as_ref().map(|kept| 2.0 * kept.circle.radius)
+    }
+
     /// The outline, and the standard deviation of its center, pixels of the image.
     pub(crate) fn circle(&self) -> Option<(BallCircle, f64)> {
         self.0.as_ref().map(|kept| (kept.circle, kept.sigma_px))

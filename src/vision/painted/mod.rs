@@ -17,6 +17,7 @@ mod bare;
 mod bundle;
 mod clip;
 mod cover;
+mod decoy;
 mod dots;
 mod face;
 mod file;

@@ -4,6 +4,7 @@ use nalgebra::Matrix3;
 
 use super::bundle::{self, Paint};
 use super::clip::Clip;
+use super::decoy::Decoys;
 use super::face::{Face, FaceMaker};
 use super::fit::FitSpace;
 use super::frame::PaintedFrame;
@@ -108,6 +109,14 @@ impl PaintedTracker {
         for _ in 0..ROUNDS {
             laid = self.together(&mut clip, laid);
         }
+        if !self.decoys(&clip.faces).are_beaten(&laid) {
+            // The first is where the surface begins, and says nothing.
+            let first = laid.iter().position(Option::is_some);
+            let others = laid.iter_mut().enumerate();
+            others
+                .filter(|(k, _)| Some(*k) != first)
+                .for_each(|(_, laid)| *laid = None);
+        }
         if let Some(first) = laid.iter().flatten().next().map(|l| l.rotation.inverse()) {
             for laid in laid.iter_mut().flatten() {
                 laid.rotation *= first;
@@ -135,7 +144,19 @@ impl PaintedTracker {
             clip.correct(&shared, &asked, &self.maker);
         }
         clip.catch_up(&asked, &self.maker);
-        poses(&clip, &self.settle(&clip.faces, surface, &laid))
+        let mut laid = self.settle(&clip.faces, surface, &laid);
+        if !self.decoys(&clip.faces).are_beaten_on(surface, &laid) {
+            laid.fill(None);
+        }
+        poses(&clip, &laid)
+    }
+
+    fn decoys<'a>(&'a self, faces: &'a [Option<Face>]) -> Decoys<'a> {
+        Decoys {
+            grid: &self.grid,
+            search: &self.search,
+            faces,
+        }
     }
 
     /// All frames so far, the surface and what the views share, fitted together; then each frame by itself.

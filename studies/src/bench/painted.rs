@@ -47,6 +47,9 @@ pub struct Args {
     /// Without the chained pairs, which take longest.
     #[arg(long)]
     no_chain: bool,
+    /// Clips each of whose frames shows another ball, in the place of the others: every pose beyond the first is wrong.
+    #[arg(long)]
+    unrelated: bool,
     /// A line for every clip.
     #[arg(long)]
     each: bool,
@@ -79,6 +82,9 @@ struct Judged {
 
 impl Args {
     pub fn run(&self) -> Outcome {
+        if self.unrelated {
+            return self.run_unrelated();
+        }
         let asked = |handling: &Handling| self.only.is_none_or(|only| only == *handling);
         for handling in Handling::ALL.into_iter().filter(asked) {
             let clips = 0..self.clips;
@@ -97,6 +103,28 @@ impl Args {
             println!("{}, {} clips:", handling.words(), self.clips);
             all.say();
         }
+        Ok(())
+    }
+
+    fn run_unrelated(&self) -> Outcome {
+        let one = |k: u64| -> Result<[u64; 2], String> {
+            let clip = PaintedClip::unrelated(self.seed, k).map_err(|e| e.to_string())?;
+            let seen = self.see(&clip).map_err(|e| e.to_string())?;
+            let track = PaintedTracker::new(&seen.camera).track(&seen.frames);
+            let posed = track.poses.iter().flatten().count() as u64;
+            Ok([posed.saturating_sub(1), u64::from(posed > 1)])
+        };
+        let found: Result<Vec<[u64; 2]>, String> =
+            (0..self.clips).into_par_iter().map(one).collect();
+        let found = found?;
+        let (mut poses, mut answered) = (0, 0);
+        for [more, is_answered] in found {
+            (poses, answered) = (poses + more, answered + is_answered);
+        }
+        println!(
+            "unrelated frames, answered: {}, {poses} poses beyond the first",
+            Proportion::new(answered, self.clips)
+        );
         Ok(())
     }
 

@@ -20,9 +20,14 @@ const DISTANCE: f64 = 20.0;
 
 /// A painted ball before a camera.
 fn ball(seed: u64) -> Scene {
+    ball_of(seed, 80.0)
+}
+
+/// One of so many pixels.
+fn ball_of(seed: u64, diameter_px: f64) -> Scene {
     let config = SynthConfig {
         kind: SynthKind::Dotless,
-        ball_px: Some([80.0; 2]),
+        ball_px: Some([diameter_px; 2]),
         blotches: Some(Blotches::default()),
         max_off_axis_rad: 0.0,
         ..SynthConfig::good()
@@ -153,6 +158,22 @@ fn frames_of_another_ball_and_frames_without_one_have_no_pose() {
         .filter(|p| matches!(p, Err(PaintedRejection::Lost)));
     assert!(lost.count() >= 11, "{placed:?}");
     assert!(matches!(placed[12], Err(PaintedRejection::NoBall)));
+}
+
+/// Each frame shows another ball: what agrees, agrees by chance.
+#[test]
+fn frames_of_unrelated_balls_have_no_pose_beyond_the_first() {
+    for (set, diameter_px) in [(0, 30.0), (1, 36.0), (2, 36.0), (3, 60.0)] {
+        let mut rng = ChaCha8Rng::seed_from_u64(590 + set);
+        let frames: Vec<PaintedFrame> = (0..24)
+            .map(|k| {
+                let ball = ball_of(1_000 + 100 * set + k, diameter_px);
+                frame(&ball, &random_rotation(&mut rng), k)
+            })
+            .collect();
+        let track = tracker().track(&frames);
+        assert_eq!(track.poses.iter().flatten().count(), 1, "set {set}");
+    }
 }
 
 #[test]
