@@ -227,6 +227,7 @@ impl SpinEstimate {
     ///
     /// # Errors
     /// As [`Self::fit`], where no spin agrees with more orientations than chance explains.
+    #[cfg(feature = "vision")]
     pub(crate) fn provisional(
         measurements: &[Measurement],
         config: &SpinConfig,

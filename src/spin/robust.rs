@@ -142,6 +142,7 @@ impl RobustEstimator {
     ///
     /// # Errors
     /// As [`Self::fit`], where no spin agrees with more orientations than chance explains.
+    #[cfg(feature = "vision")]
     pub(crate) fn provisional(
         &mut self,
         measurements: &[Measurement],
