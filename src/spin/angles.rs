@@ -4,7 +4,7 @@
 use std::f64::consts::{PI, TAU};
 
 use super::belief::Circle;
-use super::clock::{Reading, TIE, counted};
+use super::clock::{Reading, TIE, counted, evened};
 use super::motion::ConstantSpin;
 use super::robust::{SpinConfig, TimeOrigin};
 use super::{MIN_FRAMES, Measurement};
@@ -90,6 +90,7 @@ impl<'a> Angles<'a> {
             kept: vec![given.kept[self.on[0]]],
             ..given
         };
+        let (mut shown, mut taken) = (vec![frames[0]], vec![0]);
         for (i, step) in steps.iter().enumerate() {
             let slip = step.slip(turn, share);
             reading.ln_prior += slip_prior(slip, share).ln();
@@ -101,15 +102,18 @@ impl<'a> Angles<'a> {
                     ..frames[i + 1]
                 });
                 reading.kept.push(given.kept[self.on[i + 1]]);
+                shown.push(frames[i + 1]);
+                taken.push(now);
             }
         }
         reading.clock.slipped = moved;
-        let shown = counts.last().copied().unwrap_or(0) - counts[0];
-        if self.config.times == TimeOrigin::Video && moved > 0 && now > 0 && shown > 0 {
-            let ratio = now as f64 / shown as f64;
-            reading.clock.rate_ratio = Some(ratio);
-            for m in &mut reading.measurements {
-                m.time_s = frames[0].time_s + (m.time_s - frames[0].time_s) / ratio;
+        // A video shows each image at the time of its own that is next: those at which they were taken are rounded to its grid.
+        if self.config.times == TimeOrigin::Video && moved > 0 {
+            let even = evened(&shown, &taken, interval)?;
+            reading.clock.rate_ratio = Some(interval / even.interval_s);
+            reading.config.clock_rate_std = even.rate_std;
+            for (m, count) in reading.measurements.iter_mut().zip(&taken) {
+                m.time_s = even.at(*count);
             }
         }
         let is_few = moved as f64 <= MAX_SLIPPED * steps.len() as f64;

@@ -269,19 +269,24 @@ fn has_repeated(measurements: &[Measurement], room: &mut Room) -> bool {
 }
 
 /// Even times that were rounded.
-struct Rounding {
+pub(super) struct Rounding {
     grid_s: f64,
     /// Mean count, and time at it, seconds.
     middle: f64,
     mean_s: f64,
-    interval_s: f64,
+    pub interval_s: f64,
     /// Relative deviation of the rate that the rounded ones leave.
-    rate_std: f64,
+    pub rate_std: f64,
 }
 
 impl Rounding {
+    /// Whether the grid is finer than the interval, so that no two times become one.
+    fn is_fine(&self) -> bool {
+        self.grid_s < self.interval_s
+    }
+
     /// The even time of a count.
-    fn at(&self, count: i64) -> f64 {
+    pub fn at(&self, count: i64) -> f64 {
         self.mean_s + self.interval_s * (count as f64 - self.middle)
     }
 }
@@ -295,11 +300,15 @@ fn rounding(measurements: &[Measurement], room: &mut Room) -> Option<Rounding> {
     let is_on = |grid: &f64| times().all(|t| (t / grid - (t / grid).round()).abs() < 1e-3);
     let grid_s = GRIDS_S.into_iter().find(is_on)?;
     lattice(measurements, 0.5, room)?;
-    evened(measurements, &room.counts, grid_s)
+    evened(measurements, &room.counts, grid_s).filter(Rounding::is_fine)
 }
 
 /// The even times of which these are rounded up or down to a grid, by their counts of the interval.
-fn evened(measurements: &[Measurement], counts: &[i64], grid_s: f64) -> Option<Rounding> {
+pub(super) fn evened(
+    measurements: &[Measurement],
+    counts: &[i64],
+    grid_s: f64,
+) -> Option<Rounding> {
     let times = || measurements.iter().map(|m| m.time_s);
     let n = measurements.len() as f64;
     let middle = counts.iter().sum::<i64>() as f64 / n;
@@ -324,7 +333,7 @@ fn evened(measurements: &[Measurement], counts: &[i64], grid_s: f64) -> Option<R
     };
     let largest = errors().map(f64::abs).fold(0.0, f64::max);
     let rms = (errors().map(|e| e * e).sum::<f64>() / n).sqrt();
-    let is_rounded = largest < MAX_ROUNDED && rms > MIN_ROUNDED && grid_s < interval_s;
+    let is_rounded = largest < MAX_ROUNDED && rms > MIN_ROUNDED;
     is_rounded.then_some(rounding)
 }
 
@@ -340,7 +349,7 @@ fn resampled(
     let grid_s = lattice(given, 0.5, room)?;
     room.counts.clear();
     room.counts.extend(0..measurements.len() as i64);
-    evened(measurements, &room.counts, grid_s)
+    evened(measurements, &room.counts, grid_s).filter(Rounding::is_fine)
 }
 
 /// Counts of the interval that the times are multiples of, but for this share of it each; and that interval.

@@ -87,8 +87,8 @@ fn a_video_that_was_brought_to_a_lower_rate_keeps_its_duration() {
         let found = SpinEstimate::fit(&measurements, MotionModel::Auto, &config).unwrap();
         let (spin, expected) = (found.at(found.middle_s()).motion.spin, clip.spin);
         let what = format!("{from} {to}: {spin} {expected} {:?}", found.clock);
-        assert!((spin - expected).norm() < 0.02 * expected.norm(), "{what}");
+        assert!((spin - expected).norm() < 0.01 * expected.norm(), "{what}");
         let ratio = found.clock.rate_ratio.unwrap_or_default();
-        assert!((ratio * to / from - 1.0).abs() < 0.03, "{what}");
+        assert!((ratio * to / from - 1.0).abs() < 0.01, "{what}");
     }
 }
