@@ -8,7 +8,7 @@ use super::decoy::Decoys;
 use super::face::{Face, FaceMaker};
 use super::fit::FitSpace;
 use super::frame::PaintedFrame;
-use super::laid::Laid;
+use super::laid::{LAID, Laid, TURNED, apart, few, numbers};
 use super::search::{Blurred, Search};
 use super::surface::{Grid, Surface};
 use crate::concurrency;
@@ -31,13 +31,8 @@ const FIRST_CHECK: usize = 16;
 const FOUND: f64 = 0.75;
 /// A ball turns no farther between two frames, radians.
 const NEAR: f64 = 0.9;
-/// Of the rotations that the search finds, so many are laid on the surface.
-const LAID: usize = 5;
-/// The ball turns by so much, radians, between two views that the surface takes in.
-const TURNED: f64 = 0.035;
-/// Surfaces made one from the other at the end, and the views that make one at most.
+/// Surfaces made one from the other at the end.
 const ROUNDS: usize = 3;
-const VIEWS: usize = 600;
 
 /// Steps of a fit of all at once, and the frames that take part at most.
 const STEPS: usize = 4;
@@ -290,26 +285,6 @@ impl PaintedTracker {
     }
 }
 
-/// The placed frames that make a surface: as many as are needed, the ball turned between one and the next.
-pub(crate) fn apart<'a>(
-    faces: &'a [Option<Face>],
-    laid: &[Option<Laid>],
-) -> Vec<(&'a Face, Rotation)> {
-    let mut apart: Vec<(&Face, Rotation)> = Vec::new();
-    for (face, laid) in faces.iter().zip(laid) {
-        let (Some(face), Some(laid)) = (face, laid) else {
-            continue;
-        };
-        let rotation = laid.rotation;
-        let is_apart = |last: &(&Face, Rotation)| rotation_angle(&last.1, &rotation) > TURNED;
-        if apart.last().is_none_or(is_apart) {
-            apart.push((face, rotation));
-        }
-    }
-    let stride = apart.len().div_ceil(VIEWS).max(1);
-    apart.into_iter().step_by(stride).collect()
-}
-
 /// The middle of the agreements so far, of the frames after the first.
 fn middle(laid: &[Option<Laid>]) -> f64 {
     let mut all: Vec<f64> = laid.iter().skip(1).flatten().map(|l| l.agreement).collect();
@@ -325,9 +300,7 @@ fn better(one: Option<Laid>, other: Option<Laid>) -> Option<Laid> {
 
 /// Frames that are placed, so many as fit all at once.
 fn asked(laid: &[Option<Laid>]) -> Vec<usize> {
-    let placed: Vec<usize> = (0..laid.len()).filter(|k| laid[*k].is_some()).collect();
-    let stride = placed.len().div_ceil(ASKED).max(1);
-    placed.into_iter().step_by(stride).collect()
+    few(&numbers(laid), ASKED)
 }
 
 /// Where a frame may lie beside others, the nearest first: where their turn leads, and as the nearest one.
