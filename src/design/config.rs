@@ -58,13 +58,13 @@ pub struct DesignConfig {
 }
 
 impl Default for DesignConfig {
-    /// 20 dots, one round of 16 starts, 10 000 trials of mixed views each, the expected failure rate beside the
+    /// 20 dots, one round of 8 starts, 10 000 trials of mixed views each, the expected failure rate beside the
     /// orientation bound.
     fn default() -> Self {
         Self {
             dots: 20,
             seed: 0,
-            starts: 16,
+            starts: 8,
             rounds: 1,
             scout_steps: 20,
             climb_steps: 60,

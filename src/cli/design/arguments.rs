@@ -303,6 +303,7 @@ impl Arguments {
             let measured = coverage(&conditions, config.dots, &|n| counter.add(n))?;
             counter.finish();
             objective.too_few = vec![measured];
+            objective.confusion_weight = crate::design::objective::failure_rate::WEIGHT_EACH;
         }
         Ok(config)
     }

@@ -130,29 +130,31 @@ impl Confusion {
     fn weigh(&self, dots: &[Vec3], quadruples: &[Quadruple], gradient: &mut [Vec3]) -> Vec<f64> {
         let n = dots.len();
         let failures: Vec<f64> = quadruples.iter().map(|q| 1.0 - (-q.union).exp()).collect();
+        let places = Places::new(n, quadruples);
         let mut weights = vec![0.0; quadruples.len()];
         let mut seen = vec![0.0; n];
         let mut by_seen = vec![0.0; n];
+        let mut in_view = Vec::with_capacity(n);
         for v in spiral_directions(VIEWS) {
             for (s, d) in seen.iter_mut().zip(dots) {
                 *s = 1.0 / (1.0 + (-(d.dot(&v) - self.visibility_limit) / SOFTNESS).exp());
             }
             let count = Count::new(&seen);
+            in_view.clear();
+            in_view.extend((0..n).filter(|&i| seen[i] >= MIN_PRODUCT));
             by_seen.fill(0.0);
             let mut total = 0.0;
-            for ((q, failure), weight) in quadruples.iter().zip(&failures).zip(&mut weights) {
-                let [a, b, c, d] = q.dots;
-                let product = (seen[a] * seen[b]) * (seen[c] * seen[d]);
-                if product < MIN_PRODUCT {
-                    continue;
-                }
+            for_each_quadruple(&in_view, &seen, |quadruple, product| {
+                let Some(at) = places.of(quadruple) else {
+                    return;
+                };
                 let share = product / (count.value * VIEWS as f64);
-                *weight += share;
-                total += failure * share;
-                for i in q.dots {
-                    by_seen[i] += failure * share / seen[i];
+                weights[at] += share;
+                total += failures[at] * share;
+                for i in quadruple {
+                    by_seen[i] += failures[at] * share / seen[i];
                 }
-            }
+            });
             for i in 0..n {
                 let by_count = total * count.derivatives[i] / count.value;
                 let by_z = (by_seen[i] - by_count) * seen[i] * (1.0 - seen[i]) / SOFTNESS;
@@ -161,6 +163,65 @@ impl Confusion {
         }
         weights
     }
+}
+
+/// Calls `visit` with each four of these dots (ascending) and the product of their visibilities, unless it is
+/// below [`MIN_PRODUCT`]. A view shows a third of the dots, and so one in a hundred quadruples.
+fn for_each_quadruple(dots: &[usize], seen: &[f64], mut visit: impl FnMut([usize; 4], f64)) {
+    for (w, &d) in dots.iter().enumerate() {
+        for (z, &c) in dots[..w].iter().enumerate() {
+            let two = seen[d] * seen[c];
+            if two < MIN_PRODUCT {
+                continue;
+            }
+            for (y, &b) in dots[..z].iter().enumerate() {
+                let three = two * seen[b];
+                if three < MIN_PRODUCT {
+                    continue;
+                }
+                for &a in &dots[..y] {
+                    let product = three * seen[a];
+                    if product >= MIN_PRODUCT {
+                        visit([a, b, c, d], product);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Where each four dots stand among the quadruples that look like others.
+struct Places {
+    /// By the quadruple's number among all of them; [`Places::NONE`] where none looks like it.
+    of_number: Vec<u32>,
+}
+
+impl Places {
+    const NONE: u32 = u32::MAX;
+
+    fn new(dots: usize, quadruples: &[Quadruple]) -> Self {
+        let mut of_number = vec![Self::NONE; choose(dots, 4)];
+        for (at, quadruple) in (0..).zip(quadruples) {
+            of_number[number(quadruple.dots)] = at;
+        }
+        Self { of_number }
+    }
+
+    fn of(&self, dots: [usize; 4]) -> Option<usize> {
+        let at = self.of_number[number(dots)];
+        (at != Self::NONE).then_some(at as usize)
+    }
+}
+
+/// The number of four ascending dots among all of them (the combinatorial number system).
+fn number([a, b, c, d]: [usize; 4]) -> usize {
+    a + choose(b, 2) + choose(c, 3) + choose(d, 4)
+}
+
+/// The binomial coefficient for `k` up to 4.
+fn choose(n: usize, k: usize) -> usize {
+    let product: usize = (0..k).map(|i| n.saturating_sub(i)).product();
+    product / [1, 1, 2, 6, 24][k]
 }
 
 /// A probability of confusion and its slope with respect to the squared distance.

@@ -99,6 +99,15 @@ struct Search<'a> {
     cosines: Vec<f64>,
     angles: Vec<f64>,
     determinants: Vec<f64>,
+    /// For each dot the others by their angle from it, `n - 1` in a row.
+    nearest: Vec<Neighbor>,
+}
+
+/// A dot as seen from another.
+#[derive(Clone, Copy)]
+struct Neighbor {
+    dot: usize,
+    angle: f64,
 }
 
 impl<'a> Search<'a> {
@@ -121,6 +130,17 @@ impl<'a> Search<'a> {
             ranks[pair] = rank;
             ranks[pair % n * n + pair / n] = rank;
         }
+        let angles = table(&|a, b| a.cross(b).norm().atan2(a.dot(b)));
+        let mut nearest = Vec::with_capacity(n * n);
+        for from in 0..n {
+            let begin = nearest.len();
+            let others = (0..n).filter(|&dot| dot != from);
+            nearest.extend(others.map(|dot| Neighbor {
+                dot,
+                angle: angles[from * n + dot],
+            }));
+            nearest[begin..].sort_unstable_by(|a, b| a.angle.total_cmp(&b.angle));
+        }
         Self {
             dots,
             n,
@@ -129,8 +149,9 @@ impl<'a> Search<'a> {
             max_turned: 3f64.sqrt() * reach + ROUNDING,
             ranks,
             cosines: table(&|a, b| a.dot(b)),
-            angles: table(&|a, b| a.cross(b).norm().atan2(a.dot(b))),
+            angles,
             determinants,
+            nearest,
         }
     }
 
@@ -145,6 +166,15 @@ impl<'a> Search<'a> {
     /// By how much the angles of two pairs differ.
     fn gap(&self, [i, j]: [usize; 2], [k, l]: [usize; 2]) -> f64 {
         self.angles[i * self.n + j] - self.angles[k * self.n + l]
+    }
+
+    /// The dots about as far from `from` as `angle` says.
+    fn at_angle(&self, from: usize, angle: f64) -> impl Iterator<Item = usize> {
+        let row = &self.nearest[from * (self.n - 1)..][..self.n - 1];
+        let first = row.partition_point(|neighbor| neighbor.angle < angle - self.max_gap);
+        let last = angle + self.max_gap;
+        let near = row[first..].iter();
+        near.take_while(move |n| n.angle <= last).map(|n| n.dot)
     }
 
     fn run(&self) -> Vec<Lookalike> {
@@ -188,7 +218,10 @@ impl<'a> Search<'a> {
         for &a in thirds {
             let determinant = self.determinant(i, j, a);
             let seen = gram(i, j, a);
-            for c in (0..self.n).filter(|&c| c != k && c != l) {
+            for c in self
+                .at_angle(k, self.angles[i * self.n + a])
+                .filter(|&c| c != l)
+            {
                 let gaps = [self.gap([i, a], [k, c]), self.gap([j, a], [l, c])];
                 let [x, y] = gaps.map(|g| g * g);
                 if x > max_squared

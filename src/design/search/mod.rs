@@ -1,7 +1,8 @@
 //! The search: rounds of many starts, each descended and evaluated by Monte Carlo; the best meet on fresh trials.
 //!
 //! A round takes a number of starts down a few steps (cheap), and the best quarter by their cost down to convergence.
-//! Every pattern of both that meets the constraints is a candidate and is evaluated by Monte Carlo, whatever its cost.
+//! Every pattern that a start has come to and that meets the constraints is a candidate and is evaluated by Monte Carlo,
+//! whatever its cost.
 //! The first round starts at random. Later rounds move a few dots of the best patterns so far, and one start in four
 //! stays random. The best few of all rounds meet in a last trial, where each halving doubles the trials of those that
 //! remain.
@@ -232,8 +233,7 @@ impl Search<'_> {
             .cloned()
             .collect();
         self.climb(state, &chosen)?;
-        let reached = state.scouted.iter().chain(&state.climbed).cloned();
-        let mut reached: Vec<Candidate> = reached.collect();
+        let mut reached = reached(state);
         if self.stopped() {
             reached.append(&mut self.unfinished);
             self.unfinished = self.best_tried(state, reached)?;
@@ -308,14 +308,6 @@ impl Search<'_> {
             self.note(state, Stage::Try)?;
         }
         sort_by_rate(&mut tried);
-        // A start and its own continuation are one pattern too many.
-        let mut starts = Vec::new();
-        tried.retain(|c| {
-            !starts.contains(&c.start) && {
-                starts.push(c.start);
-                true
-            }
-        });
         tried.truncate(SENT_ON);
         Ok(tried)
     }
@@ -355,4 +347,15 @@ impl Search<'_> {
         field.append(&mut out);
         Ok(field)
     }
+}
+
+/// Where each start of the round has come to: to the end of its descent, or to its first steps where it went no
+/// further or left the constraints.
+fn reached(state: &SearchState) -> Vec<Candidate> {
+    let of_start = |scouted: &Candidate| {
+        let mut climbed = state.climbed.iter().filter(|c| c.missed.is_none());
+        let further = climbed.find(|c| c.start == scouted.start);
+        further.unwrap_or(scouted).clone()
+    };
+    state.scouted.iter().map(of_start).collect()
 }

@@ -17,14 +17,14 @@ use spindoe::Result;
 use spindoe::ball::Ball;
 use spindoe::design::constraints::max_separation;
 use spindoe::design::descent::descend;
-use spindoe::design::objective::{Confusion, TooFewDots, confusion};
+use spindoe::design::objective::{Confusion, TooFewDots, confusion, failure_rate};
 use spindoe::design::search::feasible::Charges;
 use spindoe::design::{Constraints, Objective, ObjectiveName};
 use spindoe::pattern::{Pattern, random_pattern};
 use spindoe::plot::{LineSeries, ScatterPlot, scatter_plot};
 use spindoe::recognize::RecognizerName;
 use spindoe::validate::ValidationConfig;
-use spindoe::view::{Protocol, ProtocolName};
+use spindoe::view::{Detection, Protocol, ProtocolName};
 use spindoe_studies::ranks::correlation;
 use spindoe_studies::table::Table;
 use spindoe_studies::{Outcome, row};
@@ -46,7 +46,7 @@ const NAMES: [&str; 6] = [
     "confusion",
     "too few",
     "failure-rate",
-    "too few + confusion / 6",
+    "with the other weight",
 ];
 const KINDS: [&str; 4] = ["random", "random", "after some descent", "near-regular"];
 
@@ -91,13 +91,18 @@ fn row(index: usize, dots: usize, protocol: &Protocol, trials: u64) -> Result<Ro
         true => Confusion::default().evaluate(pattern.dots()).value,
         false => f64::NAN,
     };
+    let weights = [failure_rate::WEIGHT_GIVEN, failure_rate::WEIGHT_EACH];
+    let [own, other] = match view.detection {
+        Detection::Given { .. } => weights,
+        Detection::Each { .. } => [weights[1], weights[0]],
+    };
     let values = [
         value(ObjectiveName::MeanNn)?,
         value(ObjectiveName::WhitenedNn)?,
         likeness,
         few.value,
-        few.value + likeness / 2.0,
-        few.value + likeness / 6.0,
+        few.value + own * likeness,
+        few.value + other * likeness,
     ];
     let config = ValidationConfig {
         recognizer: RecognizerName::Robust,
