@@ -85,7 +85,7 @@ class Balls:
     def __init__(self, estimators: Estimator | Sequence[Estimator], count: int | None = None) -> None:
         several = (estimators,) if isinstance(estimators, Estimator) else tuple(estimators)
         self.estimators = several
-        self.count = None if count is None else whole("count", count, 1)
+        self.count = None if count is None else whole("count", count)
         self._handle = _native.Balls([one._handle for one in several], self.count)
 
     def estimate(self, image: Image, *, color: Color | None = None) -> list[BallEstimate]:

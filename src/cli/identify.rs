@@ -33,7 +33,7 @@ the camera), the rows of one frame together. Optional columns: time_s; sigma_deg
 deviation along one tangent axis; or its covariance var_radial_deg2,cov_deg2,var_across_deg2, first axis
 outward in the image, second across it, counter-clockwise.
 
-Without time_s, a frame named by a whole number is that many nanoseconds, unless such names step by less than 10 000 in
+Without time_s, a frame named by a whole number is that many nanoseconds, unless such names step by less than 10000 in
 the median: these number the frames. Any other has no time.
 
 The robust recognizer learns noise, misses and false dots from the frames themselves, a file's from its first 256,

@@ -46,7 +46,7 @@ use verdict::Judgment;
 Images: PNG, JPEG, BMP, TIFF, PNM, GIF or WebP files, folders of them, or videos (through ffmpeg, 4.2 or later). They are
 processed in the order of the numbers in their names. The ball may fill the image, or be a part of it.
 
-Times: a name that is a whole number is a time in nanoseconds, unless the names step by less than 10 000 in the median: such
+Times: a name that is a whole number is a time in nanoseconds, unless the names step by less than 10000 in the median: such
 number the frames; a video's frames carry their own times; --times or --fps override both. Where all frames have a time, the spin is estimated, and its prediction is a hint for
 frames that cannot be estimated independently (--no-sequence turns this off).
 

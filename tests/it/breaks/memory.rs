@@ -72,7 +72,7 @@ fn every_command_says_what_memory_it_needs() {
         "merge clip -o out",
         "mark dots12 --as gores -o out.pdf",
         "table dots12 -o out",
-        "spin clip/orientations.csv --picture out.png",
+        "spin clip/orientations.csv",
     ] {
         let before = crate::common::files(dir);
         for mib in [45, 60] {
