@@ -18,7 +18,9 @@ fn count() -> u64 {
 fn changed(original: &[u8], rng: &mut ChaCha8Rng) -> Vec<u8> {
     let mut bytes = original.to_vec();
     for _ in 0..rng.random_range(1..6) {
-        bytes.push(0);
+        if bytes.is_empty() {
+            bytes.push(0);
+        }
         let at = rng.random_range(0..bytes.len());
         match rng.random_range(0..5) {
             0 => bytes[at] = rng.random(),
