@@ -5,10 +5,40 @@
 //! every time is zero. Results are in the order of the items either way.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 #[cfg(feature = "native")]
 use rayon::prelude::*;
+
+/// A flag that ends long work: who waits for it sets the flag, and the work looks at it now and then.
+#[derive(Debug, Clone, Copy)]
+pub struct StopFlag(&'static AtomicBool);
+
+impl StopFlag {
+    /// That of a flag that outlives the work.
+    pub fn new(flag: &'static AtomicBool) -> Self {
+        Self(flag)
+    }
+
+    /// The flag itself.
+    pub fn flag(self) -> &'static AtomicBool {
+        self.0
+    }
+
+    /// Whether the work is to end.
+    pub fn is_set(self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+impl PartialEq for StopFlag {
+    fn eq(&self, other: &Self) -> bool {
+        std::ptr::eq(self.0, other.0)
+    }
+}
+
+impl Eq for StopFlag {}
 
 /// Items that are worked on at the same time.
 pub(crate) fn threads() -> usize {

@@ -64,6 +64,9 @@ pub enum Error {
     /// The system grants too little memory for the work.
     #[error("too little memory: {0}")]
     Memory(String),
+    /// Who waited for the work ended it.
+    #[error("stopped before its end")]
+    Stopped,
     /// Something failed that no input should be able to cause.
     #[error("internal failure: {0}")]
     Internal(String),
@@ -126,7 +129,7 @@ impl Error {
                     | ErrorKind::UnexpectedEof
                     | ErrorKind::AlreadyExists
             ),
-            Self::NoAnswer { .. } | Self::Memory(_) | Self::Internal(_) => false,
+            Self::NoAnswer { .. } | Self::Memory(_) | Self::Stopped | Self::Internal(_) => false,
         }
     }
 }

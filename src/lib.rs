@@ -162,6 +162,7 @@ pub mod view;
 pub mod vision;
 
 pub use ball::{Ball, PairRule, PaperConfig, Placement};
+pub use concurrency::StopFlag;
 pub use design::{Constraints, DesignConfig, KeepOut, ObjectiveName};
 pub use error::{Error, Parameter, Result};
 pub use geometry::{Rotation, Vec3};

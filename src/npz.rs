@@ -257,15 +257,36 @@ pub(crate) fn small_arrays(bytes: &[u8]) -> Checked<Vec<(String, Vec<f64>)>> {
         files.filter_map(|file| npyz::npz::array_name_from_file_name(&file).map(str::to_owned));
     let names: Vec<String> = names.take(MAX_SMALL as usize).collect();
     let arrays = names.into_iter().map(|name| {
-        let items = [&[None][..], &[None, None]].into_iter().find_map(|shape| {
-            let mut array = ArrayReader::<f64>::open(&mut archive, &name, "f8", shape).ok()?;
-            let is_small = array.left + array.block.len() as u64 <= MAX_SMALL;
-            is_small.then(|| array.remaining().ok()).flatten()
-        });
-        let items = items.unwrap_or_default();
-        (name, items)
+        let items = small::<f64>(&mut archive, &name)
+            .or_else(|| small::<f32>(&mut archive, &name).map(wide))
+            .or_else(|| small::<i32>(&mut archive, &name).map(wide))
+            .or_else(|| {
+                let whole = small::<i64>(&mut archive, &name)?;
+                Some(whole.iter().map(|n| *n as f64).collect())
+            })
+            .or_else(|| {
+                let truths = small::<bool>(&mut archive, &name)?;
+                Some(wide(truths.into_iter().map(u8::from).collect()))
+            });
+        (name, items.unwrap_or_default())
     });
     Ok(arrays.collect())
+}
+
+/// The items of an array of this type that counts as small.
+#[cfg(feature = "vision")]
+fn small<T: Deserialize + Copy>(archive: &mut Archive<'_>, name: &str) -> Option<Vec<T>> {
+    let shapes: [&[Option<u64>]; 3] = [&[], &[None], &[None, None]];
+    shapes.into_iter().find_map(|shape| {
+        let mut array = ArrayReader::<T>::open(archive, name, "numbers", shape).ok()?;
+        let is_small = array.left + array.block.len() as u64 <= MAX_SMALL;
+        is_small.then(|| array.remaining().ok()).flatten()
+    })
+}
+
+#[cfg(feature = "vision")]
+fn wide<T: Into<f64>>(items: Vec<T>) -> Vec<f64> {
+    items.into_iter().map(Into::into).collect()
 }
 
 fn cannot_be_unpacked(name: &str, error: &std::io::Error) -> Problem {

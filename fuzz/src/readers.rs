@@ -111,7 +111,7 @@ fn observed(bytes: &[u8]) -> Result<()> {
     for frame in ObservedReader::new(Path::new("d.csv"), bytes, 0.03)? {
         let frame = frame?;
         assert!(frame.dots.iter().all(|d| d.direction.norm() > 0.9));
-        let _ = frame.time_or_name_s();
+        assert!(frame.time_s.is_none_or(f64::is_finite));
     }
     Ok(())
 }

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._common import Floats, Rejection, floats
+from ._common import Floats, Rejection, floats, whole
 from ._frame import FrameEstimate, frame_of
 from ._image import Color, Image, frames_of, pixels
 from ._pattern import HashTable
@@ -76,18 +76,21 @@ class Balls:
     An instance may be used from several threads.
     """
 
-    __slots__ = ("_handle", "estimators")
+    __slots__ = ("_handle", "count", "estimators")
     estimators: tuple[Estimator, ...]
     """One for each table."""
+    count: int | None
+    """How many balls a frame has, where that is given."""
 
     def __init__(self, estimators: Estimator | Sequence[Estimator], count: int | None = None) -> None:
         several = (estimators,) if isinstance(estimators, Estimator) else tuple(estimators)
         self.estimators = several
-        self._handle = _native.Balls([one._handle for one in several], count)
+        self.count = None if count is None else whole("count", count)
+        self._handle = _native.Balls([one._handle for one in several], self.count)
 
     def estimate(self, image: Image, *, color: Color | None = None) -> list[BallEstimate]:
         """The balls of one frame, those with a pose first."""
-        return [self._ball(ball) for ball in self._handle.estimate(*pixels("image", image, color))]
+        return [self._ball(ball) for ball in self._handle.estimate(*self._pixels(image, color))]
 
     def estimate_sequence(
         self,
@@ -101,6 +104,7 @@ class Balls:
         missing in a frame are looked for where the frames about it lead. A pose by another table than all frames of its ball
         speak for is taken back."""
         frames, order = frames_of(images, color)
+        self.estimators[0]._check(frames)
         times = [float(t) for t in floats("times_s", times_s)]
         found, _ = self._handle.estimate_sequence(frames, order, times, float(max_rps))
         return [[self._ball(ball, number) for number, ball in balls] for balls in found]
@@ -126,9 +130,17 @@ class Balls:
         """
         times = [float(t) for t in floats("times_s", times_s)]
         balls, found = self._handle.estimate_strobe(
-            *pixels("image", image, color), times, flight, float(max_rps)
+            *self._pixels(image, color), times, flight, float(max_rps)
         )
         return StrobeEstimate([self._ball(ball) for ball in balls], [_hypothesis(h) for h in found])
+
+    def _pixels(self, image: Image, color: Color | None) -> tuple[Any, Any]:
+        taken, order = pixels("image", image, color)
+        self.estimators[0].camera._check("image", taken)
+        return taken, order
+
+    def __reduce__(self) -> tuple[type[Balls], tuple[Any, ...]]:
+        return Balls, (self.estimators, self.count)
 
     def _ball(self, found: _native._Ball, number: int | None = None) -> BallEstimate:
         frame, table, probabilities = found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import operator
 import os
 import uuid
 from collections.abc import Callable, Generator, Mapping
@@ -46,10 +47,30 @@ def settings_json(settings: Mapping[str, Any]) -> str:
             return value.tolist()
         raise ValueError(f"settings: expected numbers, names or lists, found {type(value).__name__}")
 
-    for name, value in settings.items():
-        if isinstance(value, float) and not math.isfinite(value):
+    def check(name: str, value: Any) -> None:
+        if isinstance(value, Mapping):
+            for key, within in value.items():
+                check(f"{name}.{key}", within)
+        elif isinstance(value, (list, tuple, np.ndarray)):
+            for within in np.asarray(value, dtype=object).ravel():
+                check(name, within)
+        elif isinstance(value, (float, np.floating)) and not math.isfinite(value):
             raise ValueError(f"{name}: expected a finite number, found {value}")
+
+    for name, value in settings.items():
+        check(name, value)
     return json.dumps(dict(settings), default=plain)
+
+
+def whole(name: str, value: Any, least: int = 0) -> int:
+    """A whole number that is no less than this."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise ValueError(f"{name}: expected a whole number, found {value!r}") from None
+    if not least <= number < 1 << 63:
+        raise ValueError(f"{name}: expected a whole number from {least} on, found {number}")
+    return number
 
 
 def triple(name: str, values: ArrayLike) -> tuple[float, float, float]:

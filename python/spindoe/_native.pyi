@@ -239,6 +239,7 @@ class Estimator:
         learn_extra: bool,
         smooth: bool,
         evaluation: tuple[int, int] | None,
+        size: tuple[int, int] | None,
         progress: Callable[[int, int], object] | None,
     ) -> _Calibrated | str: ...
     def tracker(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._common import Floats, Ints, Rejection, floats, settings_json, to_scipy, wxyz
+from ._common import Floats, Ints, Rejection, floats, settings_json, to_scipy, whole, wxyz
 from ._pattern import HashTable, Tabled, as_table
 
 if TYPE_CHECKING:
@@ -311,7 +311,7 @@ class Recognizer:
 
         Args:
             dots: Unit vectors in the camera frame (x right, y up, z towards the camera), shape
-                (n, 3).
+                (n, 3); 256 at most.
             covariances: Of the dots, rad^2: shape (n, 3, 3) in the camera frame, or (n, 2, 2) in
                 the axes outward in the image and, counter-clockwise, across.
             hint: Prior orientation; for the robust recognizer.
@@ -326,12 +326,14 @@ class Recognizer:
             ValueError: For wrong shapes, numbers that are not finite, and vectors that are no unit
                 vectors.
         """
+        given = floats("dots", dots)
         found = self._handle.identify(
-            floats("dots", dots),
+            # An empty list has no second side.
+            given if given.size else given.reshape(0, 3),
             None if sigma_rad is None else floats("sigma_rad", sigma_rad),
             None if covariances is None else floats("covariances", covariances),
             None if hint is None else hint._given(),
-            max_rivals,
+            whole("max_rivals", max_rivals),
             min_rival_confidence,
         )
         if isinstance(found, str):

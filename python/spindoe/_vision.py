@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._calibrate import Calibration, calibration_of
-from ._common import Frame, Progress, Rejection, floats, progress_of, settings_json, triple
+from ._common import Frame, Progress, Rejection, floats, progress_of, settings_json, triple, whole
 from ._frame import Camera, FrameEstimate, frame_of
 from ._image import Color, Image, frames_of, pixels
 from ._pattern import HashTable, PathLike, Tabled, as_table
@@ -36,8 +36,8 @@ def _times(times_s: ArrayLike | None) -> list[float] | None:
     return [float(time) for time in array]
 
 
-class CircleSettings(TypedDict):
-    """What is accepted as a ball; all of it, where some is set."""
+class CircleSettings(TypedDict, total=False):
+    """What is accepted as a ball."""
 
     min_radius_px: float
     """Minimum radius, pixels; 8. Where no ball is found in a small image, smaller ones are looked for, down to five eighths of that."""
@@ -71,9 +71,9 @@ class EstimatorSettings(TypedDict, total=False):
     doubtful_false_dots: float
     """False dots expected beyond the recognizer's where doubtful detections are used; 1.5."""
     recognizer: dict[str, Any]
-    """What is expected of the dots that are likely enough: all of ``settings["recognizer"]`` of an estimator."""
+    """What is expected of the dots that are likely enough: any of ``settings["recognizer"]`` of an estimator."""
     trust: dict[str, Any]
-    """From the recognizer's probability of a pose to the one that is reported: all of ``settings["trust"]``."""
+    """From the recognizer's probability of a pose to the one that is reported: any of ``settings["trust"]``."""
     measures_blur: bool
     """Whether it is measured how the identified dots are blurred; false."""
 
@@ -84,7 +84,8 @@ class Estimator:
     Args:
         table: The table, a pattern, or the path of either. The dots of a calibrated table have their
             own covariances.
-        camera: What is known of the camera; by default its distance is estimated with the orientation.
+        camera: What is known of the camera, or its intrinsic matrix of shape (3, 3); by default its distance is estimated with
+            the orientation.
         detector: ``"cnn"``, the built-in net, or ``"blob"``.
         weights: Another net's weights, ``.npz``.
         settings: Any of `EstimatorSettings`.
@@ -106,17 +107,17 @@ class Estimator:
         self,
         table: Tabled,
         *,
-        camera: Camera = Camera(),  # noqa: B008 (immutable)
+        camera: Camera | ArrayLike = Camera(),  # noqa: B008 (immutable)
         detector: Literal["cnn", "blob"] = "cnn",
         weights: PathLike | None = None,
         **settings: Unpack[EstimatorSettings],
     ) -> None:
         self.table = as_table(table)
-        self.camera = camera
-        self._arguments = (camera, detector, weights, settings)
+        self.camera = camera if isinstance(camera, Camera) else _of_matrix(camera)
+        self._arguments = (self.camera, detector, weights, settings)
         given = settings_json(settings)
         self._handle = _native.Estimator(
-            self.table._handle, camera._given(), detector, weights, given
+            self.table._handle, self.camera._given(), detector, weights, given
         )
 
     @property
@@ -184,6 +185,7 @@ class Estimator:
             progress: True shows a bar (with `tqdm`); a function is called with (done, total).
         """
         frames, order = frames_of(images, color)
+        self._check(frames)
         times = _times(times_s)
         show, bar = progress_of(progress, len(frames), "frame")
         try:
@@ -258,6 +260,7 @@ class Estimator:
         paths, frames, order = _clip(images, color)
         if paths and times_s is not None:
             raise ValueError("times_s: files have those of their names, their video, or fps")
+        self._check(frames)
         times = _times(times_s)
         show, bar = progress_of(progress, len(frames), "frame")
         try:
@@ -271,7 +274,8 @@ class Estimator:
                 float(placement_sigma_rad),
                 learn_extra,
                 smooth,
-                None if evaluate is None else (evaluate, seed),
+                None if evaluate is None else (whole("evaluate", evaluate), whole("seed", seed)),
+                self.camera.size,
                 show,
             )
         finally:
@@ -298,11 +302,24 @@ class Estimator:
             max_latency_s=max_latency_s,
         )
 
+    def _check(self, frames: Sequence[Any]) -> None:
+        """Refuses frames of another size than the intrinsics are of."""
+        for k, frame in enumerate(frames):
+            self.camera._check(f"images[{k}]", frame)
+
     def __repr__(self) -> str:
         return f"<Estimator of {self.table.pattern!r}, {self.camera}>"
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         return _estimator, (self.table, *self._arguments)
+
+
+def _of_matrix(matrix: Any) -> Camera:
+    """The camera of an intrinsic matrix."""
+    try:
+        return Camera(matrix)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"camera: expected a spindoe.Camera or a matrix of shape (3, 3): {error}") from None
 
 
 def _clip(images: Any, color: Color | None) -> tuple[list[str], list[Any], Color]:
@@ -363,7 +380,7 @@ class Tracker:
         self.estimator = estimator
         latency = None if max_latency_s is None else float(max_latency_s)
         self._handle = estimator._handle.tracker(
-            window, float(memory_s), float(max_rps), latency
+            whole("window", window, 1), float(memory_s), float(max_rps), latency
         )
 
     def update(

@@ -1,5 +1,7 @@
 //! All balls of a frame, and the images of one ball in an exposure with several flashes.
 
+use std::sync::Arc;
+
 use nalgebra::Matrix3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
@@ -17,7 +19,8 @@ use crate::arrays::square;
 use crate::errors::{Answer, OrRaise};
 use crate::estimator::{Estimator, check_times};
 use crate::frames::{FrameTuple, frame_tuple};
-use crate::image::{Buffers, Pixels, raw_pixel};
+use crate::image::{Copied, Pixels, raw_pixel};
+use crate::work::abandonable;
 
 /// A ball's estimate, its table and the probabilities of all tables.
 type BallTuple<'py> = (FrameTuple<'py>, usize, Vec<f64>);
@@ -41,7 +44,7 @@ type SpinTuple<'py> = (
 
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Balls {
-    inner: BallsEstimator,
+    inner: Arc<BallsEstimator>,
     frame: CameraFrame,
 }
 
@@ -53,11 +56,16 @@ impl Balls {
         pixel: RawPixel,
         strobe: Option<&Strobe>,
     ) -> PyResult<Vec<BallEstimate>> {
-        let (all, budget) = (&self.inner, Budget::default());
-        self.on_image(py, image, pixel, |image, ws| match strobe {
-            Some(strobe) => all.estimate_strobed(image, None, strobe, &budget, ws),
-            None => all.estimate(image, None, &[], &budget, ws),
-        })
+        let strobe = strobe.cloned();
+        self.on_image(
+            py,
+            image,
+            pixel,
+            move |all, image, budget, ws| match &strobe {
+                Some(strobe) => all.estimate_strobed(image, None, strobe, budget, ws),
+                None => all.estimate(image, None, &[], budget, ws),
+            },
+        )
     }
 
     /// What `work` finds in an image.
@@ -66,16 +74,29 @@ impl Balls {
         py: Python<'_>,
         image: &Bound<'_, PyAny>,
         pixel: RawPixel,
-        work: impl FnOnce(ImageView<'_>, &mut BallsWorkspace<'_>) -> Vec<BallEstimate> + Send,
+        work: impl FnOnce(
+            &BallsEstimator,
+            ImageView<'_>,
+            &Budget,
+            &mut BallsWorkspace<'_>,
+        ) -> Vec<BallEstimate>
+        + Send
+        + 'static,
     ) -> PyResult<Vec<BallEstimate>> {
-        let pixels = Pixels::new("image", image)?;
-        let samples = pixels.samples("image", pixel)?;
-        py.detach(|| {
-            let mut buffers = Buffers::default();
-            let mut ws = self.inner.workspace()?;
-            Ok(work(samples.view(&mut buffers)?, &mut ws))
-        })
-        .or_raise()
+        let mut copied = Copied::default();
+        Pixels::new("image", image)?
+            .samples("image", pixel)?
+            .copy_to(&mut copied);
+        let inner = Arc::clone(&self.inner);
+        let found = abandonable(py, move |stop| {
+            let budget = Budget {
+                stop: Some(stop),
+                ..Budget::default()
+            };
+            let mut ws = inner.workspace()?;
+            Ok(work(&inner, copied.view()?, &budget, &mut ws))
+        })?;
+        found.or_raise()
     }
 }
 
@@ -88,7 +109,10 @@ impl Balls {
             .map_or(CameraFrame::Camera, |one| one.frame());
         let all = estimators.iter().map(|one| one.library().clone());
         let inner = BallsEstimator::new(all.collect(), count).or_raise()?;
-        Ok(Self { inner, frame })
+        Ok(Self {
+            inner: Arc::new(inner),
+            frame,
+        })
     }
 
     /// The balls of one frame.
@@ -119,19 +143,26 @@ impl Balls {
             py.check_signals()?;
             self.found(py, image, pixel, None)
         });
-        let mut frames = frames.collect::<PyResult<Vec<_>>>()?;
-        let missing = missing_balls(config, &times_s, &frames);
+        let frames = frames.collect::<PyResult<Vec<_>>>()?;
+        // Spins are fitted on all cores.
+        let times = times_s.clone();
+        let (missing, mut frames) = abandonable(py, move |_| {
+            let missing = missing_balls(config, &times, &frames);
+            (missing, frames)
+        })?;
         for ((image, balls), expected) in images.iter().zip(&mut frames).zip(missing) {
             if !expected.is_empty() {
                 py.check_signals()?;
                 let before = std::mem::take(balls);
-                *balls = self.on_image(py, image, pixel, |view, ws| {
-                    let budget = Budget::default();
-                    self.inner.look_again(view, before, &expected, &budget, ws)
+                *balls = self.on_image(py, image, pixel, move |all, view, budget, ws| {
+                    all.look_again(view, before, &expected, budget, ws)
                 })?;
             }
         }
-        let numbered = number_balls(config, &times_s, &mut frames);
+        let (numbered, frames) = abandonable(py, move |_| {
+            let numbered = number_balls(config, &times_s, &mut frames);
+            (numbered, frames)
+        })?;
         let tuples = frames
             .iter()
             .zip(&numbered.numbers)
@@ -157,7 +188,8 @@ impl Balls {
         let flight = flight.map(str::parse).transpose().or_raise()?;
         let strobe = Strobe::new(times_s, flight, spin_config(max_rps)?).or_raise()?;
         let balls = self.found(py, image, raw_pixel(color)?, Some(&strobe))?;
-        let hypotheses = strobe.read(&balls, self.frame);
+        let frame = self.frame;
+        let (hypotheses, balls) = abandonable(py, move |_| (strobe.read(&balls, frame), balls))?;
         let tuples = balls.iter().map(|ball| ball_tuple(py, ball)).collect();
         let found = hypotheses.iter().map(|h| hypothesis_tuple(py, h)).collect();
         Ok((tuples, found))

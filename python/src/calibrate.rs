@@ -1,6 +1,7 @@
 //! Calibration: the dots of a ball as they were really drawn.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
@@ -19,7 +20,7 @@ use crate::arrays::{blocks3, rows, square, vector};
 use crate::errors::{Answer, OrRaise, value_error};
 use crate::frames::{FrameTuple, frame_tuple};
 use crate::pattern::{HashTable, to_json};
-use crate::work::interruptible;
+use crate::work::abandonable;
 
 /// Table; state, place, covariance, views, expected views and number of each nominal dot; marks;
 /// frames; frames with a ball, fitted ones, those with other balls; noise, detection rate; whether
@@ -62,18 +63,33 @@ pub struct Clip {
 /// The frames of files, as the command reads them.
 pub fn read_clip(
     py: Python<'_>,
-    estimator: &Estimator,
-    paths: &[PathBuf],
+    estimator: Arc<Estimator>,
+    paths: Vec<PathBuf>,
     outline: Option<OutlinePrior>,
-    fps: Option<f64>,
+    (fps, size): (Option<f64>, Option<[usize; 2]>),
 ) -> PyResult<Clip> {
-    let config = BatchConfig {
+    let mut config = BatchConfig {
         outline,
         clock: fps.map_or(FrameClock::Inputs, FrameClock::FramesPerSecond),
         ..BatchConfig::default()
     };
-    let batch = interruptible(py, |_| estimate_inputs(estimator, paths, &config, &()))?;
+    let batch = abandonable(py, move |stop| {
+        (config.budget.stop, config.sequence.stop) = (Some(stop), Some(stop));
+        estimate_inputs(&*estimator, &paths, &config, &())
+    })?;
     let batch = batch.or_raise()?;
+    let other = batch
+        .frames
+        .iter()
+        .find(|frame| size.is_some() && frame.size.is_some_and(|own| Some(own) != size));
+    if let (Some(frame), Some([width, height])) = (other, size) {
+        let [columns, rows] = frame.size.unwrap_or_default();
+        let problem = format!(
+            "expected {width} x {height} pixels, which the camera's intrinsics are of, found {columns} x {rows} in {}: camera.for_image({columns}, {rows}) scales them",
+            frame.name
+        );
+        return Err(value_error("images", problem));
+    }
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         let problem = "the files' times do not increase from frame to frame: fps sets others";
         return Err(value_error("images", problem));
@@ -99,25 +115,35 @@ pub fn run<'py>(
     py: Python<'py>,
     nominal: &Pattern,
     design: Option<DesignRecord>,
-    clip: &Clip,
+    clip: Clip,
     config: &CalibrationConfig,
     evaluation: Option<CalibrationEvaluationConfig>,
 ) -> PyResult<Answer<Found<'py>>> {
-    let times_s = clip.times_s.as_deref();
-    let found = interruptible(py, |_| calibrate(nominal, &clip.frames, times_s, config))?;
+    let job = Arc::new((nominal.clone(), clip, config.clone()));
+    let of_clip = Arc::clone(&job);
+    let found = abandonable(py, move |_| {
+        let (nominal, clip, config) = &*of_clip;
+        calibrate(nominal, &clip.frames, clip.times_s.as_deref(), config)
+    })?;
     let calibration = match found.or_raise()? {
-        Ok(calibration) => calibration,
+        Ok(calibration) => Arc::new(calibration),
         Err(rejection) => return Ok(Answer::Rejected(rejection.to_string())),
-    };
-    let source = CalibrationSource {
-        nominal,
-        is_design: true,
-        frames: &clip.frames,
-        times_s,
     };
     let report = evaluation
         .map(|evaluation| {
-            let evaluated = interruptible(py, |_| {
+            let calibration = Arc::clone(&calibration);
+            let evaluated = abandonable(py, move |stop| {
+                let (nominal, clip, config) = &*job;
+                let source = CalibrationSource {
+                    nominal,
+                    is_design: true,
+                    frames: &clip.frames,
+                    times_s: clip.times_s.as_deref(),
+                };
+                let evaluation = CalibrationEvaluationConfig {
+                    stop: Some(stop),
+                    ..evaluation
+                };
                 evaluate_calibration(&calibration, &source, config, &evaluation)
             })?;
             to_json(&evaluated.or_raise()?.report)

@@ -44,6 +44,7 @@ fn observed<T: Send>(
     let budget = budget_s.map(Duration::try_from_secs_f64).transpose();
     let budget = budget.map_err(|e| PyValueError::new_err(format!("budget_s: {e}")))?;
     let (outcome, raised) = interruptible(py, |stop| {
+        let stop = stop.flag();
         let mut observer = Observer {
             callback,
             stop,

@@ -16,7 +16,7 @@ use spindoe::clip::{
     estimate_passes, orientations,
 };
 use spindoe::geometry::{CameraFrame, tangent_frame};
-use spindoe::image::RawPixel;
+use spindoe::image::{ImageView, RawPixel};
 use spindoe::report::calibration::CalibrationEvaluationConfig;
 use spindoe::spin::alias::SpinEvidence;
 use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
@@ -29,20 +29,22 @@ use spindoe::vision::{
     BallCircle, Budget, Calibration, Camera, CnnDetector, DetectorName, DotDetector,
     EstimatorConfig, FrameEstimate, Intrinsics, Lens, OutlinePrior, Pixel, Prior,
 };
-use spindoe::{DotUncertainty, Vec3};
+use spindoe::{DotUncertainty, StopFlag, Vec3};
 
 use crate::arrays::{Numbers, block2, blocks3, quaternion, require_shape, vectors};
 use crate::calibrate::{self, Clip};
 use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
 use crate::frames::{FrameTuple, frame_tuple};
-use crate::image::{Buffers, Pixels, Samples, raw_pixel};
+use crate::image::{Buffers, Copied, Pixels, Samples, raw_pixel};
 use crate::pattern::{HashTable, overlay, to_json};
 use crate::recognizer::{GivenHint, hint};
 use crate::spin;
-use crate::work::on_all_cores;
+use crate::work::abandonable;
 
-/// Frames between two ears for Ctrl-C.
+/// Frames between two calls of `progress`.
 const FRAMES_AT_ONCE: usize = 64;
+/// Images up to this are estimated within some hundredths of a second: on this thread, without an ear for Ctrl-C.
+const FAST_PIXELS: usize = 300_000;
 
 /// A circle `u, v, radius` in pixels as the ball's outline.
 fn outline(given: Option<[f64; 3]>) -> PyResult<Option<OutlinePrior>> {
@@ -224,6 +226,11 @@ impl Estimator {
             .push(slot);
     }
 
+    /// Whether an image of so many pixels is estimated too fast for a person who interrupts.
+    fn is_fast(samples: &Samples<'_>) -> bool {
+        samples.pixels() <= FAST_PIXELS
+    }
+
     /// Estimates frames of one sequence in both passes; without times, in the first alone.
     fn passes(
         &self,
@@ -238,55 +245,78 @@ impl Estimator {
             outline,
             ..Prior::default()
         };
-        let mut progress = progress;
-        let on_images = |numbers: &[usize], work: &ImageWork<'_>| {
-            // Only the first pass over all of them is heard of.
-            let heard = progress.take();
-            let mut found = Vec::with_capacity(numbers.len());
-            for some in numbers.chunks(FRAMES_AT_ONCE) {
-                found.extend(self.on_images(py, images, some, pixel, work)?);
-                if let Some(heard) = heard {
-                    heard.call1((found.len(), images.len()))?;
-                }
-            }
-            Ok(found)
+        for (k, image) in images.iter().enumerate() {
+            let name = format!("images[{k}]");
+            Pixels::new(&name, image)?.samples(&name, pixel)?;
+        }
+        let job = Job {
+            estimator: Arc::clone(&self.inner),
+            images: images.iter().map(|image| image.clone().unbind()).collect(),
+            pixel,
         };
-        let count = images.len();
-        estimate_passes(&self.inner, config, &prior, count, times_s, on_images)
+        let mut heard = progress.map(|heard| heard.clone().unbind());
+        let (times_s, mut config) = (times_s.map(<[f64]>::to_vec), *config);
+        // All of it on the pool: the second pass fits spins, on all cores too.
+        abandonable(py, move |stop| {
+            config.stop = Some(stop);
+            let count = job.images.len();
+            let on_images = |numbers: &[usize], work: &ImageWork<'_>| {
+                // Only the first pass over all of them is heard of.
+                let heard = heard.take();
+                let mut found = Vec::with_capacity(numbers.len());
+                for some in numbers.chunks(FRAMES_AT_ONCE) {
+                    found.extend(job.on_images(some, work, stop)?);
+                    if let Some(heard) = &heard {
+                        Python::attach(|py| heard.call1(py, (found.len(), count)))?;
+                    }
+                }
+                Ok(found)
+            };
+            estimate_passes(
+                &job.estimator,
+                &config,
+                &prior,
+                count,
+                times_s.as_deref(),
+                on_images,
+            )
+        })?
     }
+}
 
+/// The images of a sequence, which outlive the call.
+struct Job {
+    estimator: Arc<spindoe::Estimator>,
+    images: Vec<Py<PyAny>>,
+    pixel: RawPixel,
+}
+
+impl Job {
     /// Does the work on some of the images, by their numbers, on all cores.
     fn on_images(
         &self,
-        py: Python<'_>,
-        images: &[Bound<'_, PyAny>],
         numbers: &[usize],
-        pixel: RawPixel,
         work: &ImageWork<'_>,
+        stop: StopFlag,
     ) -> PyResult<Vec<(usize, FrameEstimate)>> {
-        py.check_signals()?;
-        let name = |k: usize| format!("images[{k}]");
-        let held: Vec<Pixels<'_>> = numbers
-            .iter()
-            .map(|&k| Pixels::new(&name(k), &images[k]))
-            .collect::<PyResult<_>>()?;
-        let samples: Vec<(usize, Samples<'_>)> = held
-            .iter()
-            .zip(numbers)
-            .map(|(pixels, &k)| Ok((k, pixels.samples(&name(k), pixel)?)))
-            .collect::<PyResult<_>>()?;
-        let found: spindoe::Result<Vec<_>> = on_all_cores(py, || {
-            let one = |slot: &mut Slot, (k, image): &(usize, Samples<'_>)| {
-                let image = match image.view(&mut slot.buffers) {
-                    Ok(image) => image,
-                    Err(error) => return Some(Err(error)),
-                };
-                Some(Ok((*k, work(*k, image, &mut slot.workspace)?)))
-            };
-            let all = samples.par_iter().map_init(|| self.slot(), one);
-            all.flatten().collect()
-        })?;
-        found.or_raise()
+        let one = |(workspace, copied): &mut (EstimatorWorkspace, Copied), k: &usize| {
+            // Who was interrupted may be gone by now, and Python with it.
+            if stop.is_set() {
+                return Some(Err(spindoe::Error::Stopped).or_raise());
+            }
+            let copy = Python::attach(|py| {
+                let pixels = Pixels::new("images", self.images[*k].bind(py))?;
+                pixels.samples("images", self.pixel)?.copy_to(copied);
+                Ok(())
+            });
+            match copy.and_then(|()| copied.view().or_raise()) {
+                Ok(image) => Some(Ok((*k, work(*k, image, workspace)?))),
+                Err(error) => Some(Err(error)),
+            }
+        };
+        let memory = || (self.estimator.workspace(), Copied::default());
+        let all = numbers.par_iter().map_init(memory, one);
+        all.flatten().collect()
     }
 }
 
@@ -345,27 +375,36 @@ impl Estimator {
         let pixels = Pixels::new("image", image)?;
         let samples = pixels.samples("image", raw_pixel(color)?)?;
         let mut slot = self.slot();
-        py.detach(|| {
-            let Slot {
-                workspace,
-                buffers,
-                frame,
-            } = &mut slot;
-            let image = samples.view(buffers)?;
-            self.inner.estimate(
-                image,
-                &Prior {
-                    outline,
-                    rotation: hint,
-                    ..Prior::default()
-                },
-                &Budget::default(),
-                workspace,
-                frame,
-            );
-            Ok(())
-        })
-        .or_raise()?;
+        let prior = Prior {
+            outline,
+            rotation: hint,
+            ..Prior::default()
+        };
+        let inner = Arc::clone(&self.inner);
+        let run = move |image: ImageView<'_>, stop: Option<StopFlag>, slot: &mut Slot| {
+            let budget = Budget {
+                stop,
+                ..Budget::default()
+            };
+            inner.estimate(image, &prior, &budget, &mut slot.workspace, &mut slot.frame);
+        };
+        if Self::is_fast(&samples) {
+            py.detach(|| {
+                let mut buffers = std::mem::take(&mut slot.buffers);
+                run(samples.view(&mut buffers)?, None, &mut slot);
+                slot.buffers = buffers;
+                Ok(())
+            })
+            .or_raise()?;
+        } else {
+            let mut copied = Copied::default();
+            samples.copy_to(&mut copied);
+            let work = move |stop| {
+                run(copied.view()?, Some(stop), &mut slot);
+                Ok(slot)
+            };
+            slot = abandonable(py, work)?.or_raise()?;
+        }
         let found = frame_tuple(py, &slot.frame);
         self.keep(slot);
         Ok(found)
@@ -417,7 +456,7 @@ impl Estimator {
                 let smears = exposure_s.and_then(|exposure_s| {
                     SequenceSmears::new(&self.inner, &named, exposure_s, frame)
                 });
-                Some(spin_of(py, &orientations, &config, smears.as_ref())?)
+                Some(spin_of(py, &orientations, &config, smears.map(Arc::new))?)
             }
             None => None,
         };
@@ -429,7 +468,7 @@ impl Estimator {
     /// designed: the frames' times are `times_s`, or follow from `fps`, or from the files.
     #[pyo3(signature = (
         images, paths, color, times_s, fps, circle, placement_sigma_rad, learn_extra, smooth,
-        evaluation, progress
+        evaluation, size, progress
     ))]
     #[allow(clippy::too_many_arguments)]
     fn calibrate<'py>(
@@ -445,6 +484,7 @@ impl Estimator {
         learn_extra: bool,
         smooth: bool,
         evaluation: Option<(u64, u64)>,
+        size: Option<[usize; 2]>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Answer<calibrate::Found<'py>>> {
         let defaults = CalibrationConfig::default();
@@ -480,11 +520,14 @@ impl Estimator {
             let (frames, _) = nominal.passes(py, &images, pixel, outline, sequence, progress)?;
             Clip { frames, times_s }
         } else {
-            calibrate::read_clip(py, &nominal.inner, &paths, outline, fps)?
+            calibrate::read_clip(py, Arc::clone(&nominal.inner), paths, outline, (fps, size))?
         };
-        let evaluation =
-            evaluation.map(|(samples, seed)| CalibrationEvaluationConfig { samples, seed });
-        calibrate::run(py, pattern, self.design.clone(), &clip, &config, evaluation)
+        let evaluation = evaluation.map(|(samples, seed)| CalibrationEvaluationConfig {
+            samples,
+            seed,
+            ..CalibrationEvaluationConfig::default()
+        });
+        calibrate::run(py, pattern, self.design.clone(), clip, &config, evaluation)
     }
 
     /// A tracker that shares this estimator.
@@ -495,11 +538,14 @@ impl Estimator {
         max_rps: f64,
         max_latency_s: Option<f64>,
     ) -> PyResult<Tracker> {
-        let latency = max_latency_s.map(Duration::try_from_secs_f64).transpose();
-        let max_latency = latency.map_err(|_| {
-            let problem = format!("expected a number of seconds, found {max_latency_s:?}");
-            value_error("max_latency_s", problem)
-        })?;
+        let of = |latency: f64| {
+            let duration = Duration::try_from_secs_f64(latency)
+                .ok()
+                .filter(|d| !d.is_zero());
+            let problem = || format!("expected a positive number of seconds, found {latency}");
+            duration.ok_or_else(|| value_error("max_latency_s", problem()))
+        };
+        let max_latency = max_latency_s.map(of).transpose()?;
         let config = TrackerConfig {
             sequence: sequence_config(max_rps)?,
             window,
@@ -519,19 +565,20 @@ fn spin_of<'py>(
     py: Python<'py>,
     orientations: &Orientations,
     config: &SequenceConfig,
-    smears: Option<&SequenceSmears>,
+    smears: Option<Arc<SequenceSmears>>,
 ) -> PyResult<Answer<spin::Found<'py>>> {
     let measurements = orientations.measurements();
     let frame = orientations.camera_frame.unwrap_or_default();
     let config = orientations.spin_config(config.spin);
     let model = MotionModel::Auto;
-    let estimate = py.detach(|| match smears {
-        Some(smears) => SpinEstimate::fit_with(&measurements, model, &config, smears),
-        None => SpinEstimate::fit(&measurements, model, &config),
-    });
+    let (measured, evident) = (measurements.clone(), smears.clone());
+    let estimate = abandonable(py, move |_| match evident {
+        Some(smears) => SpinEstimate::fit_with(&measured, model, &config, &*smears),
+        None => SpinEstimate::fit(&measured, model, &config),
+    })?;
     match estimate {
         Ok(estimate) => {
-            let evidence = smears.map(|smears| smears as &(dyn SpinEvidence + Sync));
+            let evidence = smears.map(|smears| smears as Arc<dyn SpinEvidence + Send + Sync>);
             let measurements = &measurements;
             spin::estimate_tuple(py, &estimate, None, measurements, frame, &config, evidence)
                 .map(Answer::Found)

@@ -103,6 +103,28 @@ impl<'py> Pixels<'py> {
     }
 }
 
+/// The pixels of an image in memory of its own: they outlive the array, for work that is abandoned.
+#[derive(Default)]
+pub struct Copied {
+    eight: Vec<u8>,
+    sixteen: Vec<u16>,
+    size: [usize; 2],
+    pixel: Option<RawPixel>,
+}
+
+impl Copied {
+    /// The library's view of them.
+    pub fn view(&self) -> spindoe::Result<ImageView<'_>> {
+        let [width, height] = self.size;
+        let pixel = self.pixel.unwrap_or(RawPixel::Gray);
+        let image = match self.sixteen.is_empty() {
+            true => RawImage::new(width, height, pixel, &self.eight[..]),
+            false => RawImage::new(width, height, pixel, &self.sixteen[..]),
+        };
+        image.map(ImageView::Raw)
+    }
+}
+
 /// Memory for samples that do not lie one after another.
 #[derive(Default)]
 pub struct Buffers {
@@ -111,6 +133,33 @@ pub struct Buffers {
 }
 
 impl Samples<'_> {
+    /// How many pixels there are.
+    pub fn pixels(&self) -> usize {
+        let shape = match &self.values {
+            Values::Eight(view) => view.shape(),
+            Values::Sixteen(view) => view.shape(),
+        };
+        shape[..2].iter().product()
+    }
+
+    /// Copies the pixels.
+    pub fn copy_to(&self, copied: &mut Copied) {
+        copied.pixel = Some(self.pixel);
+        copied.eight.clear();
+        copied.sixteen.clear();
+        let shape = match &self.values {
+            Values::Eight(view) => {
+                copy(view, &mut copied.eight);
+                view.shape()
+            }
+            Values::Sixteen(view) => {
+                copy(view, &mut copied.sixteen);
+                view.shape()
+            }
+        };
+        copied.size = [shape[1], shape[0]];
+    }
+
     /// The library's view of these pixels: where they lie, or a copy of samples that have gaps between them.
     pub fn view<'b>(&'b self, buffers: &'b mut Buffers) -> spindoe::Result<ImageView<'b>> {
         let image = match &self.values {
@@ -118,6 +167,15 @@ impl Samples<'_> {
             Values::Sixteen(view) => raw(view, self.pixel, &mut buffers.sixteen),
         };
         image.map(ImageView::Raw)
+    }
+}
+
+fn copy<T: Copy>(view: &ArrayViewD<'_, T>, to: &mut Vec<T>) {
+    for row in view.outer_iter() {
+        match row.as_slice() {
+            Some(row) => to.extend_from_slice(row),
+            None => to.extend(row.iter().copied()),
+        }
     }
 }
 
@@ -134,12 +192,7 @@ where
         Some(all) => all,
         None => {
             buffer.clear();
-            for row in view.outer_iter() {
-                match row.as_slice() {
-                    Some(row) => buffer.extend_from_slice(row),
-                    None => buffer.extend(row.iter().copied()),
-                }
-            }
+            copy(view, buffer);
             buffer
         }
     };

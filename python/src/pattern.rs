@@ -9,11 +9,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
 use spindoe::ball::{Feature, PaperConfig};
 use spindoe::{Ball, PairRule};
 
 use crate::arrays::{Numbers, blocks3, rows, triples, vectors};
 use crate::errors::{OrRaise, value_error};
+use crate::work::abandonable;
 
 /// A value as JSON.
 pub fn to_json(value: &impl Serialize) -> PyResult<String> {
@@ -27,23 +29,40 @@ pub fn to_json(value: &impl Serialize) -> PyResult<String> {
 pub fn overlay<T: Serialize + DeserializeOwned>(defaults: &T, json: &str) -> PyResult<T> {
     let internal = |e: serde_json::Error| value_error("settings", e);
     let mut value = serde_json::to_value(defaults).map_err(internal)?;
-    let given: serde_json::Map<String, serde_json::Value> =
-        serde_json::from_str(json).map_err(internal)?;
+    let given: Map<String, Value> = serde_json::from_str(json).map_err(internal)?;
     for (name, new) in given {
-        let known: Vec<String> = value
-            .as_object()
-            .map(|fields| fields.keys().cloned().collect())
-            .unwrap_or_default();
-        let Some(field) = value.get_mut(&name) else {
-            let problem = format!("no such setting, expected one of {}", known.join(", "));
-            return Err(value_error(&name, problem));
-        };
-        let old = std::mem::replace(field, new);
+        let old = value.get(&name).cloned().unwrap_or_default();
+        laid_over(&mut value, &name, &name, new)?;
         if let Err(error) = serde_json::from_value::<T>(value.clone()) {
             return Err(value_error(&name, format!("{error} (default: {old})")));
         }
     }
     serde_json::from_value(value).map_err(internal)
+}
+
+/// Sets a field; of a group of settings only those that are given.
+fn laid_over(group: &mut Value, path: &str, name: &str, new: Value) -> PyResult<()> {
+    let known: Vec<String> = match &*group {
+        Value::Object(fields) => fields.keys().cloned().collect(),
+        _ => Vec::new(),
+    };
+    let Some(field) = group.get_mut(name) else {
+        let problem = format!("no such setting, expected one of {}", known.join(", "));
+        return Err(value_error(path, problem));
+    };
+    match (&*field, new) {
+        // A choice among several has one name, and not that of another.
+        (Value::Object(old), Value::Object(some))
+            if old.len() > 1 || some.keys().all(|key| old.contains_key(key)) =>
+        {
+            some.into_iter()
+                .try_for_each(|(key, new)| laid_over(field, &format!("{path}.{key}"), &key, new))
+        }
+        (_, new) => {
+            *field = new;
+            Ok(())
+        }
+    }
 }
 
 #[pyclass(frozen, module = "spindoe._native")]
@@ -142,7 +161,7 @@ impl HashTable {
 
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let ball = py.detach(|| Ball::read(&path));
+        let ball = abandonable(py, move |_| Ball::read(&path))?;
         Ok(Self::new(ball.or_raise()?))
     }
 
@@ -153,7 +172,8 @@ impl HashTable {
     }
 
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = py.detach(|| self.0.to_npz()).or_raise()?;
+        let ball = Arc::clone(&self.0);
+        let bytes = abandonable(py, move |_| ball.to_npz())?.or_raise()?;
         Ok(PyBytes::new(py, &bytes))
     }
 

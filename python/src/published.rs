@@ -11,6 +11,7 @@ use spindoe::vision::net::{Weights, onnx};
 
 use crate::errors::OrRaise;
 use crate::pattern::to_json;
+use crate::work::abandonable;
 
 /// A trajectory: its number, times (n,), positions (n, 3), and spin.
 type Trajectory<'py> = (
@@ -23,7 +24,7 @@ type Trajectory<'py> = (
 /// The trajectories of a folder, and what describes them as JSON.
 #[pyfunction]
 pub fn read_trajectories(py: Python<'_>, dir: PathBuf) -> PyResult<(Vec<Trajectory<'_>>, String)> {
-    let set = py.detach(|| TrajectorySet::read_dir(&dir)).or_raise()?;
+    let set = abandonable(py, move |_| TrajectorySet::read_dir(&dir))?.or_raise()?;
     let summary = to_json(&set.summary())?;
     let all = set.trajectories.iter().map(|t| {
         let times: Vec<f64> = t.points.iter().map(|p| p.time_s).collect();

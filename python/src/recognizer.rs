@@ -10,14 +10,14 @@ use pyo3::types::PyDict;
 use rayon::prelude::*;
 use spindoe::geometry::{tangent_frame, to_wxyz};
 use spindoe::pattern::{LENGTH_ROUNDING, LENGTH_TOLERANCE};
-use spindoe::recognize::observed::from_image_covariance;
+use spindoe::recognize::observed::{MAX_FRAME_DOTS, from_image_covariance};
 use spindoe::recognize::paper::{PaperWorkspace, VoteSum};
 use spindoe::recognize::robust::RobustWorkspace;
 use spindoe::recognize::{PaperConfig, PaperRecognizer, RecognizerRejection};
 use spindoe::view::{Detection, FalseDots, Noise, NoiseShape};
 use spindoe::{
     DotUncertainty, Explanations, Hint, Identification, ObservedDot, ProtocolName, Recognizer as _,
-    RobustConfig, RobustRecognizer, Vec3, ViewModel,
+    RobustConfig, RobustRecognizer, StopFlag, Vec3, ViewModel,
 };
 
 use crate::arrays::{
@@ -25,10 +25,12 @@ use crate::arrays::{
 };
 use crate::errors::{Answer, OrRaise, value_error};
 use crate::pattern::{HashTable, overlay, to_json};
-use crate::work::on_all_cores;
+use crate::work::interruptible;
 
-/// Frames between two ears for Ctrl-C.
-const FRAMES_AT_ONCE: usize = 4096;
+/// Frames that one task identifies at least.
+const FRAMES_AT_ONCE: usize = 16;
+/// Dots up to which a frame is identified on this thread, within a few milliseconds, without an ear for Ctrl-C.
+const FAST_DOTS: usize = 64;
 
 /// An identification: quaternion, assignment, residual, confidences, rivals.
 type Found<'py> = (
@@ -211,16 +213,32 @@ fn dot(k: usize, x: f64, y: f64, z: f64) -> PyResult<Vec3> {
     Ok(direction)
 }
 
+/// Rejects more dots than a frame may have.
+fn check_dots(name: &str, count: usize) -> PyResult<()> {
+    match count {
+        0..=MAX_FRAME_DOTS => Ok(()),
+        _ => {
+            let problem =
+                format!("expected at most {MAX_FRAME_DOTS} dots in a frame, found {count}");
+            Err(value_error(name, problem))
+        }
+    }
+}
+
 /// Reads the dots and their uncertainties.
 fn observed(
     dots: &Numbers<'_>,
     sigmas: Option<&Numbers<'_>>,
     covariances: Option<&Numbers<'_>>,
     default_rad: f64,
+    of_one_frame: bool,
     into: &mut Vec<ObservedDot>,
 ) -> PyResult<()> {
     require_shape("dots", dots, &[None, Some(3)])?;
     let count = dots.shape()[0];
+    if of_one_frame {
+        check_dots("dots", count)?;
+    }
     if let Some(sigmas) = sigmas
         && !sigmas.shape().is_empty()
     {
@@ -493,9 +511,15 @@ impl Recognizer {
         let mut ws = self.workspace();
         let (sigmas, covariances) = (sigma_rad.as_ref(), covariances.as_ref());
         let default_rad = self.sigma_rad;
-        observed(&dots, sigmas, covariances, default_rad, &mut ws.dots)?;
+        observed(&dots, sigmas, covariances, default_rad, true, &mut ws.dots)?;
         let rivals = (max_rivals, min_rival_confidence);
-        let answer = match py.detach(|| self.run(hint.as_ref(), &mut ws)) {
+        let is_fast = ws.dots.len() <= FAST_DOTS;
+        let found = match is_fast {
+            true => py.detach(|| self.run(hint.as_ref(), &mut ws)),
+            // A second at most.
+            false => interruptible(py, |_| self.run(hint.as_ref(), &mut ws))?,
+        };
+        let answer = match found {
             Ok(explanations) => Answer::Found(self::answer(py, rivals, explanations)),
             Err(rejection) => Answer::Rejected(rejection.to_string()),
         };
@@ -515,7 +539,7 @@ impl Recognizer {
     ) -> PyResult<Columns<'py>> {
         let mut all = Vec::new();
         let (sigmas, covariances) = (sigma_rad.as_ref(), covariances.as_ref());
-        observed(&dots, sigmas, covariances, self.sigma_rad, &mut all)?;
+        observed(&dots, sigmas, covariances, self.sigma_rad, false, &mut all)?;
         let ends = ends(&offsets, all.len())?;
         let frames = ends.len().saturating_sub(1);
         let mut quaternions = Array2::from_elem((frames, 4), f64::NAN);
@@ -523,25 +547,24 @@ impl Recognizer {
         let [mut residual, mut dots_confidence, mut confidence] =
             [(); 3].map(|()| Array1::from_elem(frames, f64::NAN));
         let reasons = PyDict::new(py);
-        for first in (0..frames).step_by(FRAMES_AT_ONCE) {
-            py.check_signals()?;
-            let last = (first + FRAMES_AT_ONCE).min(frames);
-            let found = on_all_cores(py, || self.run_all(&all, &ends[first..=last]))?;
-            for (i, outcome) in (first..last).zip(found) {
-                match outcome {
-                    Ok(found) => {
-                        for (k, x) in to_wxyz(&found.rotation).into_iter().enumerate() {
-                            quaternions[[i, k]] = x;
-                        }
-                        for (k, dot) in found.assignment.iter().enumerate() {
-                            assigned[ends[i] + k] = dot.map_or(-1, i64::from);
-                        }
-                        residual[i] = found.residual_rad;
-                        dots_confidence[i] = found.dots_confidence;
-                        confidence[i] = found.confidence;
+        for (i, pair) in ends.windows(2).enumerate() {
+            check_dots(&format!("frames[{i}]"), pair[1] - pair[0])?;
+        }
+        let found = interruptible(py, |stop| self.run_all(&all, &ends, stop))?;
+        for (i, outcome) in found.into_iter().enumerate() {
+            match outcome {
+                Ok(found) => {
+                    for (k, x) in to_wxyz(&found.rotation).into_iter().enumerate() {
+                        quaternions[[i, k]] = x;
                     }
-                    Err(rejection) => reasons.set_item(i, rejection.to_string())?,
+                    for (k, dot) in found.assignment.iter().enumerate() {
+                        assigned[ends[i] + k] = dot.map_or(-1, i64::from);
+                    }
+                    residual[i] = found.residual_rad;
+                    dots_confidence[i] = found.dots_confidence;
+                    confidence[i] = found.confidence;
                 }
+                Err(rejection) => reasons.set_item(i, rejection.to_string())?,
             }
         }
         Ok((
@@ -560,14 +583,18 @@ impl Recognizer {
         &self,
         dots: &[ObservedDot],
         ends: &[usize],
+        stop: StopFlag,
     ) -> Vec<Result<Identification, NoAnswer>> {
         let frames: Vec<&[ObservedDot]> = ends.windows(2).map(|w| &dots[w[0]..w[1]]).collect();
         frames
             .par_iter()
-            .with_min_len(16)
+            .with_min_len(FRAMES_AT_ONCE)
             .map_init(
                 || self.workspace(),
                 |ws, frame| {
+                    if stop.is_set() {
+                        return Err(NoAnswer::Rejected(RecognizerRejection::NoHypothesis));
+                    }
                     ws.dots.clear();
                     ws.dots.extend_from_slice(frame);
                     Ok(self.run(None, ws)?.best().clone())

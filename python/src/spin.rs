@@ -1,5 +1,7 @@
 //! Spin from orientations.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix3, Vector2};
 use numpy::ndarray::{Array2, ArrayViewD, arr1};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
@@ -19,6 +21,7 @@ use crate::arrays::{
     Numbers, block3, blocks3, matrix3, quaternion, require_shape, rotation, square, vector,
 };
 use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
+use crate::work::abandonable;
 
 /// A fit: reference time, spin, orientation then, covariance, noise, log-likelihood, inliers,
 /// probabilities, aliases; frame; motion, rate of decay, rate fixed in the ball then, lack of fit, what was wrong with the times.
@@ -118,7 +121,7 @@ pub fn estimate_tuple<'py>(
     measurements: &[Measurement],
     frame: CameraFrame,
     config: &SpinConfig,
-    evidence: Option<&(dyn SpinEvidence + Sync)>,
+    evidence: Option<Arc<dyn SpinEvidence + Send + Sync>>,
 ) -> PyResult<Found<'py>> {
     let [from, to] = estimate.span_s();
     if let Some(at) = at_s.filter(|at| !(from..=to).contains(at)) {
@@ -132,14 +135,15 @@ pub fn estimate_tuple<'py>(
         ..AliasConfig::default()
     };
     let at_s = at_s.unwrap_or(estimate.middle_s());
-    let (summary, probabilities) = py.detach(|| {
-        let summary = estimate.summary(measurements, at_s, &listed, measurements.len());
+    let (owned, measured) = (estimate.clone(), measurements.to_vec());
+    let (summary, probabilities) = abandonable(py, move |_| {
+        let summary = owned.summary(&measured, at_s, &listed, measured.len());
         let summary = match evidence {
-            Some(evidence) => summary.weighed(evidence, &listed),
+            Some(evidence) => summary.weighed(&*evidence, &listed),
             None => summary,
         };
-        (summary, estimate.inlier_probabilities(measurements))
-    });
+        (summary, owned.inlier_probabilities(&measured))
+    })?;
     let motion = &estimate.motion;
     let aliases = &summary.alternatives;
     Ok(to_tuple(
@@ -334,7 +338,10 @@ pub fn fit_spin<'py>(
     let frame = camera_frame(frame)?;
     let model: MotionModel = model.parse().or_raise()?;
     let fitted = match method {
-        "robust" => py.detach(|| SpinEstimate::fit(&measurements, model, &config)),
+        "robust" => {
+            let measured = measurements.clone();
+            abandonable(py, move |_| SpinEstimate::fit(&measured, model, &config))?
+        }
         "quatera" => {
             if !matches!(model, MotionModel::Auto | MotionModel::Constant) {
                 let problem = format!("expected constant with the method quatera, found {model}");
@@ -355,9 +362,13 @@ pub fn fit_spin<'py>(
                 max_rps,
                 ..defaults
             });
-            let found = py.detach(|| estimator.fit(&measurements));
-            let members = estimator.inliers().iter();
-            let members: Vec<f64> = members.map(|&is| f64::from(u8::from(is))).collect();
+            let measured = measurements.clone();
+            let (found, members) = abandonable(py, move |_| {
+                let found = estimator.fit(&measured);
+                let members = estimator.inliers().iter();
+                let members = members.map(|&is| f64::from(u8::from(is)));
+                (found, members.collect::<Vec<f64>>())
+            })?;
             return match found {
                 Ok(fit) => {
                     let estimate = SpinEstimate::of_constant(fit, &measurements);

@@ -1,6 +1,7 @@
 //! Stencils: meshes and files.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
@@ -11,7 +12,7 @@ use spindoe::stencil::HalfName;
 use crate::arrays::rows;
 use crate::errors::{OrRaise, value_error};
 use crate::pattern::{HashTable, overlay, to_json};
-use crate::work::interruptible;
+use crate::work::abandonable;
 
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Stencil(spindoe::Stencil);
@@ -43,24 +44,27 @@ impl Stencil {
         settings: &str,
     ) -> PyResult<Self> {
         let config = config(table, ball_diameter_mm, hole_diameter_mm, settings)?;
-        let pattern = table.0.pattern();
-        let built = interruptible(py, |_| spindoe::Stencil::build(pattern, &config))?;
+        let ball = Arc::clone(&table.0);
+        let built = abandonable(py, move |_| {
+            spindoe::Stencil::build(ball.pattern(), &config)
+        })?;
         Ok(Self(built.or_raise()?))
     }
 
     /// Diameter of the largest hole that fits, mm.
     #[staticmethod]
     fn largest_hole_mm(
+        py: Python<'_>,
         table: &HashTable,
         ball_diameter_mm: Option<f64>,
         settings: &str,
     ) -> PyResult<Option<f64>> {
         let config = config(table, ball_diameter_mm, None, settings)?;
         config.validate().or_raise()?;
-        Ok(spindoe::Stencil::largest_hole_mm(
-            table.0.pattern(),
-            &config,
-        ))
+        let ball = Arc::clone(&table.0);
+        abandonable(py, move |_| {
+            spindoe::Stencil::largest_hole_mm(ball.pattern(), &config)
+        })
     }
 
     /// Vertices and triangles of half "a" or "b".

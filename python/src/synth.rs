@@ -1,5 +1,7 @@
 //! Synthetic images with their truth.
 
+use std::sync::Arc;
+
 use numpy::ndarray::Array3;
 use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
@@ -8,6 +10,7 @@ use spindoe::synth::dataset::{self, ClipConfig, Frame};
 
 use crate::errors::{OrRaise, value_error};
 use crate::pattern::{HashTable, overlay, to_json};
+use crate::work::abandonable;
 
 /// An image, eight bits a channel, and its truth as JSON.
 type Rendered<'py> = (Bound<'py, PyArray3<u8>>, String);
@@ -45,13 +48,15 @@ pub fn independent_frame<'py>(
     k: usize,
 ) -> PyResult<Rendered<'py>> {
     let config = config(table, preset, settings)?;
-    let drawn = py.detach(|| dataset::independent_frame(table.0.pattern(), &config, seed, k));
+    let ball = Arc::clone(&table.0);
+    let draw = move |_| dataset::independent_frame(ball.pattern(), &config, seed, k);
+    let drawn = abandonable(py, draw)?;
     rendered(py, &drawn.or_raise()?)
 }
 
 /// One ball in a row of frames.
 #[pyclass(frozen, module = "spindoe._native")]
-pub struct Sequence(dataset::Sequence);
+pub struct Sequence(Arc<dataset::Sequence>);
 
 #[pymethods]
 impl Sequence {
@@ -77,11 +82,12 @@ impl Sequence {
         };
         let config = config(table, preset, settings)?;
         let random = dataset::Sequence::random(table.0.pattern(), &config, &sequence, seed, frames);
-        Ok(Self(random.or_raise()?))
+        Ok(Self(Arc::new(random.or_raise()?)))
     }
 
     fn frame<'py>(&self, py: Python<'py>, k: usize) -> PyResult<Rendered<'py>> {
-        let drawn = py.detach(|| self.0.frame(k));
+        let sequence = Arc::clone(&self.0);
+        let drawn = abandonable(py, move |_| sequence.frame(k))?;
         rendered(py, &drawn.or_raise()?)
     }
 }

@@ -10,7 +10,7 @@ use spindoe::vision::net::weights::{Calibration, Layer, Weights, WeightsMeta};
 
 use crate::errors::{OrRaise, value_error};
 use crate::pattern::to_json;
-use crate::work::on_all_cores;
+use crate::work::{abandonable, interruptible};
 
 /// A convolution's numbers, flat: kernels (outputs, inputs, rows, columns) and biases.
 type FlatLayer<'py> = (PyReadonlyArray1<'py, f32>, PyReadonlyArray1<'py, f32>);
@@ -72,7 +72,7 @@ pub fn training_batch<'py>(
     last: u64,
 ) -> PyResult<NewSamples<'py>> {
     let head = head(net)?;
-    let batch = on_all_cores(py, || training::batch(head, seed, first..last))?.or_raise()?;
+    let batch = abandonable(py, move |_| training::batch(head, seed, first..last))?.or_raise()?;
     let targets = match head {
         Head::Dots | Head::DotsLarge => training::DOT_TARGETS.len(),
         Head::Outline => training::OUTLINE_TARGETS.len(),
@@ -97,7 +97,7 @@ pub fn samples_per_frame(net: &str) -> PyResult<usize> {
 #[pyfunction]
 pub fn world_sha256(py: Python<'_>, net: &str, seed: u64) -> PyResult<String> {
     let head = head(net)?;
-    on_all_cores(py, || training::world_sha256(head, seed))?.or_raise()
+    abandonable(py, move |_| training::world_sha256(head, seed))?.or_raise()
 }
 
 /// Samples that a net does not train on: those of the first frames of `set`, `validation`, `calibration` or `test`.
@@ -110,7 +110,7 @@ impl TrainingSamples {
     fn new(py: Python<'_>, net: &str, seed: u64, set: &str, frames: u64) -> PyResult<Self> {
         let head = head(net)?;
         let set: FrameSet = set.parse().or_raise()?;
-        let drawn = on_all_cores(py, || Samples::draw(head, seed, set, frames))?;
+        let drawn = abandonable(py, move |_| Samples::draw(head, seed, set, frames))?;
         Ok(Self(drawn.or_raise()?))
     }
 
@@ -131,7 +131,7 @@ impl TrainingSamples {
         flat: Vec<FlatLayer<'py>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let layers = layers(&flat);
-        let cells = on_all_cores(py, || self.0.cells(&layers))?.or_raise()?;
+        let cells = interruptible(py, |_| self.0.cells(&layers))?.or_raise()?;
         let shape = (cells.len(), cells.first().map_or(0, Vec::len));
         let array = Array2::from_shape_vec(shape, cells.concat());
         Ok(array.map_err(|e| value_error("cells", e))?.into_pyarray(py))
@@ -140,7 +140,7 @@ impl TrainingSamples {
     /// The calibration of a net on these samples, as JSON.
     fn calibrate(&self, py: Python<'_>, flat: Vec<FlatLayer<'_>>) -> PyResult<String> {
         let layers = layers(&flat);
-        to_json(&on_all_cores(py, || self.0.calibrate(&layers))?.or_raise()?)
+        to_json(&interruptible(py, |_| self.0.calibrate(&layers))?.or_raise()?)
     }
 
     /// The score of a net on these samples: a number to select the best net by, the score as JSON and in words.
@@ -152,7 +152,7 @@ impl TrainingSamples {
     ) -> PyResult<(f64, String, String)> {
         let layers = layers(&flat);
         let calibration: Calibration = from_json("calibration", calibration)?;
-        let score = on_all_cores(py, || self.0.score(&layers, &calibration))?.or_raise()?;
+        let score = interruptible(py, |_| self.0.score(&layers, &calibration))?.or_raise()?;
         Ok((score.quality(), to_json(&score)?, score.to_string()))
     }
 }

@@ -1,5 +1,7 @@
 //! Validation by Monte Carlo, and the views that it uses.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix2, Matrix3x2};
 use numpy::{PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
@@ -12,9 +14,9 @@ use spindoe::{DotUncertainty, Protocol, ProtocolName, Trials, ValidationConfig, 
 use crate::arrays::{assignment, blocks3, quaternion, rows};
 use crate::errors::{OrRaise, value_error};
 use crate::pattern::{HashTable, to_json};
-use crate::work::on_all_cores;
+use crate::work::abandonable;
 
-/// Trials between two ears for Ctrl-C: some tenths of a second.
+/// Trials between two calls of `progress`: some tenths of a second.
 const TRIALS_AT_ONCE: u64 = 4096;
 
 /// A view: directions, their covariances, the true dots, the true orientation, the number of true
@@ -59,17 +61,20 @@ pub fn validate(
     }
     let view = config.protocol.view();
     let recognizer = NamedRecognizer::new(config.recognizer, &table.0, view).or_raise()?;
-    let all = config.trials(table.0.pattern());
+    let recognizer = Arc::new(recognizer);
     let mut results: Vec<TrialResult> = Vec::new();
     for first in (0..samples).step_by(TRIALS_AT_ONCE as usize) {
-        py.check_signals()?;
         let last = (first + TRIALS_AT_ONCE).min(samples);
-        let part = Trials {
-            range: first..last,
-            ..all.clone()
-        };
-        let run = || part.run(&recognizer, &|_| {});
-        results.extend(on_all_cores(py, run)?.or_raise()?);
+        let (ball, recognizer) = (Arc::clone(&table.0), Arc::clone(&recognizer));
+        let found = abandonable(py, move |stop| {
+            let part = Trials {
+                range: first..last,
+                stop: Some(stop),
+                ..config.trials(ball.pattern())
+            };
+            part.run(&*recognizer, &|_| {})
+        })?;
+        results.extend(found.or_raise()?);
         if let Some(progress) = &progress {
             progress.call1((last, samples))?;
         }

@@ -1,11 +1,17 @@
 //! Long work: without the interpreter's lock, on all cores, and with an ear for Ctrl-C.
+//!
+//! All of it runs on a pool of this process ([`pool`]): the library's own threads are not in a process that `fork` made. Ctrl-C raises
+//! within [`LISTEN`]: work that borrows from Python ([`interruptible`]) is asked to end by a flag that it looks at often, other work
+//! ([`abandonable`]) is left to end by itself.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use spindoe::StopFlag;
 
 use crate::errors::value_error;
 
@@ -15,6 +21,8 @@ const LISTEN: Duration = Duration::from_millis(50);
 /// The threads of this process. A process that `fork` made has the memory of its parent's pool, but
 /// none of its threads: it gets a pool of its own.
 static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
+/// Flags that no work uses: they outlive it, since what is abandoned still looks at its own.
+static FLAGS: Mutex<Vec<&'static AtomicBool>> = Mutex::new(Vec::new());
 
 /// The pool of this process' threads, one a core unless `RAYON_NUM_THREADS` says otherwise.
 pub fn pool() -> PyResult<Arc<ThreadPool>> {
@@ -26,6 +34,8 @@ pub fn pool() -> PyResult<Arc<ThreadPool>> {
         return Ok(Arc::clone(pool));
     }
     let made = ThreadPoolBuilder::new()
+        // Who waits hears of it by the end of the channel.
+        .panic_handler(|_| {})
         .build()
         .map_err(|e| value_error("threads", e))?;
     let pool = Arc::new(made);
@@ -36,47 +46,101 @@ pub fn pool() -> PyResult<Arc<ThreadPool>> {
     Ok(pool)
 }
 
-/// Runs `work` on the pool, without the lock.
-pub fn on_all_cores<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
-    let pool = pool()?;
-    Ok(py.detach(|| pool.install(work)))
+/// A flag of its own for some work, which goes back when the work has ended.
+struct Flag(&'static AtomicBool);
+
+impl Flag {
+    fn take() -> Self {
+        let mut free = FLAGS.lock().unwrap_or_else(PoisonError::into_inner);
+        let flag = free.pop();
+        Self(flag.unwrap_or_else(|| Box::leak(Box::new(AtomicBool::new(false)))))
+    }
 }
 
-/// Runs `work` on a thread of the pool while this one listens for Ctrl-C. That sets the flag, and the
-/// call raises once the work has ended.
-pub fn interruptible<T: Send>(
-    py: Python<'_>,
-    work: impl FnOnce(&AtomicBool) -> T + Send,
-) -> PyResult<T> {
-    let pool = pool()?;
-    let stop = AtomicBool::new(false);
-    let (done, result, raised) = py.detach(|| {
-        let (sender, receiver) = std::sync::mpsc::channel();
-        let mut raised = None;
-        let result = std::thread::scope(|scope| {
-            let (pool, stop) = (&pool, &stop);
-            let worker = scope.spawn(move || {
-                let result = pool.install(|| work(stop));
-                // The listener may have gone only with this scope.
-                let _ = sender.send(());
-                result
-            });
-            while receiver.recv_timeout(LISTEN) == Err(std::sync::mpsc::RecvTimeoutError::Timeout) {
-                if raised.is_none()
-                    && let Err(error) = Python::attach(|py| py.check_signals())
-                {
-                    stop.store(true, Ordering::Relaxed);
-                    raised = Some(error);
-                }
+impl Drop for Flag {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::Relaxed);
+        FLAGS
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(self.0);
+    }
+}
+
+/// Waits for a result; Ctrl-C sets the flag, and ends the wait where that is to be `at_once`.
+fn listen<T>(
+    results: &Receiver<T>,
+    flag: &AtomicBool,
+    at_once: bool,
+) -> (Option<T>, Option<PyErr>) {
+    let mut raised = None;
+    loop {
+        match results.recv_timeout(LISTEN) {
+            Ok(result) => return (Some(result), raised),
+            // The work has panicked.
+            Err(RecvTimeoutError::Disconnected) => return (None, raised),
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+        if raised.is_none()
+            && let Err(error) = Python::attach(|py| py.check_signals())
+        {
+            flag.store(true, Ordering::Relaxed);
+            raised = Some(error);
+            if at_once {
+                return (None, raised);
             }
-            worker.join()
-        });
-        ((), result, raised)
-    });
-    let () = done;
+        }
+    }
+}
+
+/// What Python gets: the result, or what was raised.
+fn heard<T>((result, raised): (Option<T>, Option<PyErr>)) -> PyResult<T> {
     match (raised, result) {
         (Some(error), _) => Err(error),
-        (None, Ok(value)) => Ok(value),
-        (None, Err(panic)) => std::panic::resume_unwind(panic),
+        (None, Some(value)) => Ok(value),
+        (None, None) => panic!("the work has panicked"),
     }
+}
+
+/// Runs `work` on the pool while this thread listens for Ctrl-C. That sets the flag, and the call raises once the work has ended: it looks
+/// at the flag at least a few times a second.
+pub fn interruptible<T: Send>(
+    py: Python<'_>,
+    work: impl FnOnce(StopFlag) -> T + Send,
+) -> PyResult<T> {
+    let pool = pool()?;
+    let flag = Flag::take();
+    let stop = StopFlag::new(flag.0);
+    heard(py.detach(|| {
+        pool.in_place_scope(|scope| {
+            let (sender, results) = channel();
+            scope.spawn(move |_| {
+                // The listener goes with this scope only.
+                let _ = sender.send(work(stop));
+            });
+            listen(&results, flag.0, false)
+        })
+    }))
+}
+
+/// Runs `work`, which owns all that it needs, on the pool while this thread listens for Ctrl-C. That raises at once; the flag is set, and
+/// what the work still finds is lost.
+pub fn abandonable<T: Send + 'static>(
+    py: Python<'_>,
+    work: impl FnOnce(StopFlag) -> T + Send + 'static,
+) -> PyResult<T> {
+    let pool = pool()?;
+    let flag = Flag::take();
+    let shown = flag.0;
+    heard(py.detach(|| {
+        let (sender, results) = channel();
+        pool.spawn(move || {
+            // It is another's again when this work has ended.
+            let own = flag;
+            let found = work(StopFlag::new(own.0));
+            // Nobody may wait any more.
+            let _ = sender.send(found);
+        });
+        listen(&results, shown, true)
+    }))
 }

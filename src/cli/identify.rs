@@ -33,7 +33,8 @@ the camera), the rows of one frame together. Optional columns: time_s; sigma_deg
 deviation along one tangent axis; or its covariance var_radial_deg2,cov_deg2,var_across_deg2, first axis
 outward in the image, second across it, counter-clockwise.
 
-Without time_s, a frame named by a whole number is that many nanoseconds; any other has no time.
+Without time_s, a frame named by a whole number is that many nanoseconds, unless such names step by less than 10000 in
+the median: these number the frames. Any other has no time.
 
 The robust recognizer learns noise, misses and false dots from the frames themselves, a file's from its first 256,
 a pipe's from those that came before, and says what it learned, the share of frames that show something else among
@@ -425,7 +426,7 @@ fn row(answer: &FrameAnswer) -> OrientationRow {
     let found = answer.identification();
     OrientationRow {
         frame: answer.frame.name.clone(),
-        time_s: answer.frame.time_or_name_s().unwrap_or(f64::NAN),
+        time_s: answer.frame.time_s.unwrap_or(f64::NAN),
         orientation: found.map(|f| f.rotation),
         dots: Some(answer.frame.dots.len()),
         matched: Some(found.map_or(0, Identification::matched)),
@@ -479,7 +480,7 @@ fn detection_probability(view: &ViewModel) -> f64 {
 fn to_json(answer: &FrameAnswer) -> serde_json::Value {
     let mut json = json!({
         "frame": answer.frame.name,
-        "time_s": answer.frame.time_or_name_s(),
+        "time_s": answer.frame.time_s,
         "dots": answer.frame.dots.len(),
     });
     match &answer.outcome {
@@ -512,6 +513,8 @@ struct Tally {
     tied: u64,
     mirrored: u64,
     doubtful: u64,
+    /// Whose names only number them.
+    numbered: u64,
     /// The first frame that was rejected, and why.
     first_rejected: Option<(String, RecognizerRejection)>,
 }
@@ -519,6 +522,7 @@ struct Tally {
 impl Tally {
     fn count(&mut self, answer: &FrameAnswer, is_doubtful: bool) {
         self.frames += 1;
+        self.numbered += u64::from(answer.frame.is_numbered);
         self.doubtful += u64::from(is_doubtful);
         match answer.outcome {
             Ok(_) => self.identified += 1,
@@ -540,6 +544,11 @@ impl Tally {
             self.identified,
             self.frames
         );
+        if self.numbered > 0 {
+            errln!(
+                "{path}: times: the names are frame numbers, not times in nanoseconds: give `spindoe spin` --fps"
+            );
+        }
         if tied > 0 {
             errln!(
                 "{path}: {tied} frames have another pose of about the same probability (--json lists it): does the pattern have a rotational symmetry?"

@@ -11,7 +11,7 @@ use crate::ball::Ball;
 use crate::clip::batch::FrameClock;
 use crate::clip::frame_table::{self, FrameCircles};
 use crate::error::{Error, Result};
-use crate::image::Roi;
+use crate::image::{DEFAULT_MAX_PIXELS, Roi};
 use crate::source::pipe::PipeFormat;
 use crate::source::{Frame, FrameSource as _, files};
 use crate::vision::frame::config::{CameraModel, OutlineMethod};
@@ -62,6 +62,9 @@ pub struct ImageArguments {
     /// of which size, it is scaled to those given. The distance then follows from the ball's size.
     #[arg(long, value_name = "FX,FY,CX,CY|FILE", allow_negative_numbers = true)]
     intrinsics: Option<String>,
+    /// Maximum number of pixels of an image.
+    #[arg(hide = true, long, value_name = "N", default_value_t = DEFAULT_MAX_PIXELS)]
+    pub(super) max_pixels: u64,
     /// Those of the images, once they are settled.
     #[arg(skip)]
     settled: OnceLock<Intrinsics>,
@@ -76,7 +79,7 @@ pub struct ImageArguments {
         allow_negative_numbers = true
     )]
     pub(super) fps: Option<f64>,
-    /// Times of the frames: CSV with the header frame,time_s.
+    /// Times of the frames: CSV with the header frame,time_s, or in the frames' order what `rpicam-vid --save-pts` writes.
     #[arg(long, value_name = "CSV")]
     times: Option<PathBuf>,
 }
@@ -95,39 +98,41 @@ impl ImageArguments {
 
     /// Reads the intrinsics' file, and fits it to the images that these inputs, or a pipe of raw frames, hold. Says what is to be
     /// known of it. [`Self::camera`] then has them.
-    pub(super) fn settle_camera(
-        &self,
-        inputs: &[PathBuf],
-        raw: Option<PipeFormat>,
-        max_pixels: u64,
-    ) -> Result<()> {
-        let Some(text) = self
-            .intrinsics
-            .as_ref()
-            .filter(|text| numbers(text).is_none())
-        else {
+    pub(super) fn settle_camera(&self, inputs: &[PathBuf], raw: Option<PipeFormat>) -> Result<()> {
+        let Some(text) = &self.intrinsics else {
             return Ok(());
         };
+        let size = || match raw {
+            Some(PipeFormat::Raw { width, height, .. }) => Some([width, height]),
+            _ => first_size(inputs, self.max_pixels),
+        };
+        if let Some(numbers) = numbers(text) {
+            if let Some(words) =
+                size().and_then(|size| off_middle(&Intrinsics::from_numbers(&numbers).ok()?, size))
+            {
+                errln!("note: --intrinsics: {words}");
+            }
+            return Ok(());
+        }
         let calibration = Calibration::read(text.as_ref())?;
         for note in &calibration.notes {
-            errln!("spindoe: {text}: {note}");
+            errln!("note: {text}: {note}");
         }
         let mut intrinsics = calibration.intrinsics;
-        if calibration.size.is_some() {
-            let size = match raw {
-                Some(PipeFormat::Raw { width, height, .. }) => Some([width, height]),
-                _ => first_size(inputs, max_pixels),
-            };
-            match size {
-                Some(size) => {
-                    let (fitted, words) = calibration.for_image(size)?;
-                    intrinsics = fitted;
-                    if let Some(words) = words {
-                        errln!("spindoe: {text}: {words}");
-                    }
+        match (size(), calibration.size) {
+            (Some(size), Some(_)) => {
+                let (fitted, words) = calibration.for_image(size)?;
+                intrinsics = fitted;
+                if let Some(words) = words {
+                    errln!("note: {text}: {words}");
                 }
-                None => {
-                    let _ = self.expected.set(calibration);
+            }
+            (None, Some(_)) => {
+                let _ = self.expected.set(calibration);
+            }
+            (size, None) => {
+                if let Some(words) = size.and_then(|size| off_middle(&intrinsics, size)) {
+                    errln!("note: {text}: {words}");
                 }
             }
         }
@@ -229,10 +234,28 @@ impl ImageArguments {
     pub(super) fn clock(&self) -> Result<FrameClock> {
         Ok(match (self.fps, &self.times) {
             (Some(rate), _) => FrameClock::FramesPerSecond(rate),
-            (None, Some(path)) => FrameClock::Table(frame_table::read_times(path)?),
+            (None, Some(path)) => frame_table::read_clock(path)?,
             (None, None) => FrameClock::Inputs,
         })
     }
+}
+
+/// How near to an edge of the images a principal point is doubted, as a part of their sides: that of images twice as large lies on the edge.
+const NEAR_EDGE: f64 = 0.02;
+
+/// What is to be known of intrinsics, without the size of their images, whose principal point lies beyond the images or on their edge.
+fn off_middle(k: &Intrinsics, [width, height]: [usize; 2]) -> Option<String> {
+    let is_inside = |at: f64, side: usize| {
+        let part = (at + 0.5) / side as f64;
+        (NEAR_EDGE..=1.0 - NEAR_EDGE).contains(&part)
+    };
+    if is_inside(k.cx, width) && is_inside(k.cy, height) {
+        return None;
+    }
+    Some(format!(
+        "the principal point ({:.1}, {:.1}) lies off the images of {width} x {height}: right for a part cut out of larger ones, wrong for these whole",
+        k.cx, k.cy
+    ))
 }
 
 /// Numbers between commas.
@@ -242,6 +265,11 @@ fn numbers(text: &str) -> Option<Vec<f64>> {
 
 /// Columns and rows of the first frame of these inputs; `None` where it cannot be read, which is said of it later.
 fn first_size(inputs: &[PathBuf], max_pixels: u64) -> Option<[usize; 2]> {
+    // Of a pipe it would be lost.
+    let is_lasting = |path: &PathBuf| path.is_file() || path.is_dir();
+    if !inputs.iter().all(is_lasting) {
+        return None;
+    }
     let sources = files::sources(inputs).ok()?;
     let mut source = files::open(sources.first()?, max_pixels).ok()?;
     let mut frame = Frame::default();

@@ -9,6 +9,8 @@ use crate::files::csv::shown;
 use crate::source::files::SkippedFiles;
 use crate::source::video::VideoClock;
 
+/// Frames a second beyond which names may be in microseconds: hardly a camera is faster.
+const FASTEST_FPS: f64 = 2e4;
 /// Skipped files that are named.
 const MAX_NAMED: usize = 5;
 
@@ -23,11 +25,11 @@ pub(super) fn say<K>(batch: &Batch<K>, config: &BatchConfig) -> Result<()> {
 /// What is to be said of the frames' names: their order, and rows of outlines that name none.
 pub(super) fn say_names<K>(batch: &Batch<K>, config: &BatchConfig) -> Result<()> {
     if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.name.as_str())) {
-        errln!("spindoe: {warning}");
+        errln!("note: {warning}");
     }
     let paths: Vec<PathBuf> = batch.frames.iter().map(|f| f.path.clone()).collect();
     if let Some(warning) = unused_warning(config.circles.as_ref(), &paths)? {
-        errln!("spindoe: {warning}");
+        errln!("note: {warning}");
     }
     Ok(())
 }
@@ -64,7 +66,7 @@ pub(super) fn say_cut_short(videos: &[(PathBuf, String)]) {
 /// Says that the frames are no sequence in spite of their times.
 pub(super) fn say_not_increasing() {
     errln!(
-        "spindoe: the times do not increase from frame to frame: every frame is estimated independently"
+        "note: the times do not increase from frame to frame, as those of two clips do not: every frame is estimated independently"
     );
 }
 
@@ -81,7 +83,7 @@ pub(super) fn times_words(times: &TimeSource, count: usize) -> Option<String> {
         TimeSource::FrameNumbers { step_s } => {
             // What the rate is if a step of 50 or more is a number of microseconds.
             let guess = match 1e9 * step_s >= 50.0 {
-                true => format!(" ({:.2} if they are microseconds)", 1e-3 / step_s),
+                true => microseconds(1.0 / step_s),
                 false => String::new(),
             };
             format!("{}, so no spin: give --fps{guess}", times.problem()?)
@@ -89,13 +91,22 @@ pub(super) fn times_words(times: &TimeSource, count: usize) -> Option<String> {
         TimeSource::SameNumber => format!("{}, so no spin: give --fps", times.problem()?),
         TimeSource::Names { fps } => {
             let fps = fps?;
-            format!("from the names, in nanoseconds: {fps:.2} fps on average")
+            let or = match fps > FASTEST_FPS {
+                true => format!("; --fps{}", microseconds(fps)),
+                false => String::new(),
+            };
+            format!("from the names, in nanoseconds: {fps:.2} fps on average{or}")
         }
         TimeSource::Rate { fps } => format!("{fps} fps as given by --fps"),
         TimeSource::Table => "from the table".into(),
         TimeSource::Video(clock) => video_words(&clock),
     };
     Some(words)
+}
+
+/// The rate of frames whose names, taken as nanoseconds, have this one.
+fn microseconds(fps: f64) -> String {
+    format!(" ({:.2} if they are microseconds)", 1e-3 * fps)
 }
 
 /// The rate of a video, and what the file leaves open.

@@ -7,7 +7,6 @@ use clap::Args;
 
 use super::design::print_words;
 use super::interrupt::{keeps, stop_on_interrupt};
-use super::memory::check_for_design;
 use super::output::{Progress, command_line};
 use super::print_json;
 use crate::design::{DesignConfig, DesignObserver, SearchState, Stage};
@@ -67,7 +66,6 @@ impl JobObserver for MergeProgress {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let ShardedJob { job, command } = DesignJob::of_shards(&arguments.shards, &arguments.output)?;
-    check_for_design()?;
     let stop = stop_on_interrupt(super::design::STOPPING)?;
     let resume = if arguments.resume { "" } else { " --resume" };
     keeps(

@@ -177,7 +177,8 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     };
     output::set_quiet(parsed.cli.quiet);
     let name = parsed.name().to_owned();
-    match parsed.check().and_then(|()| parsed.run()) {
+    let checked = memory::check(&name).and_then(|()| parsed.check());
+    match checked.and_then(|()| parsed.run()) {
         Ok(()) => 0,
         Err(error) => report(&error, &name),
     }

@@ -17,8 +17,9 @@ const OUTPUTS: [&str; 7] = [
     "windows",
     "picture",
 ];
-/// What a folder is read by.
+/// What a folder is read by, and what these commands write to theirs.
 const WITHIN: [&str; 2] = ["table.npz", "pattern.csv"];
+const WRITE_WITHIN: [&str; 2] = ["calibrate", "synth"];
 
 /// A path with the flag that names it.
 struct Named {
@@ -54,6 +55,10 @@ pub(super) fn check(command: &Command, given: &ArgMatches) -> Result<()> {
     }
     for (k, output) in outputs.iter().enumerate() {
         let is_folder = output.path.is_dir();
+        let written = match WRITE_WITHIN.contains(&command.get_name()) {
+            true => WITHIN.map(|name| output.path.join(name)).to_vec(),
+            false => Vec::new(),
+        };
         if let Some(other) = outputs[..k]
             .iter()
             .find(|other| is_same(&other.path, &output.path))
@@ -66,15 +71,34 @@ pub(super) fn check(command: &Command, given: &ArgMatches) -> Result<()> {
             return Err(Error::argument(output.flag.clone(), problem));
         }
         // A folder may hold inputs beside what is written, but pictures are drawn under their frames' names.
-        let mut read = inputs
-            .iter()
-            .filter(|input| input.exists() && (!is_folder || output.flag == "--overlay"));
-        if let Some(input) = read.find(|input| is_same(input, &output.path)) {
+        let is_read = |input: &&PathBuf| match is_folder {
+            true if output.flag != "--overlay" => written.iter().any(|to| is_same(input, to)),
+            _ => is_same(input, &output.path) || is_frame_of(input, &output.path),
+        };
+        if let Some(input) = inputs.iter().filter(|input| input.exists()).find(is_read) {
             let problem = format!("would write over {}, which is read", input.display());
             return Err(Error::argument(output.flag.clone(), problem));
         }
     }
     Ok(())
+}
+
+/// Whether a file is one of a folder's frames.
+#[cfg(feature = "vision")]
+fn is_frame_of(folder: &Path, file: &Path) -> bool {
+    use crate::source::files::{Source, sources};
+    if !folder.is_dir() || !file.is_file() {
+        return false;
+    }
+    let frames = sources(&[folder.to_path_buf()]).unwrap_or_default();
+    frames.iter().any(|frame| match frame {
+        Source::Image(path) | Source::Video(path) => is_same(path, file),
+    })
+}
+
+#[cfg(not(feature = "vision"))]
+fn is_frame_of(_: &Path, _: &Path) -> bool {
+    false
 }
 
 /// Whether two names lead to one file, be it there or not.

@@ -33,7 +33,7 @@ pub fn warn_of_small_dots(ball_mm: f64, dot_mm: f64) {
     let width_px = USUAL_BALL_PX * dot_mm / ball_mm;
     if width_px < MIN_DOT_PX {
         errln!(
-            "spindoe: warning: dots of {dot_mm} mm are {width_px:.1} pixels wide on a ball of {USUAL_BALL_PX} pixels: of its \
+            "note: dots of {dot_mm} mm are {width_px:.1} pixels wide on a ball of {USUAL_BALL_PX} pixels: of its \
              frames far fewer are answered than with the usual {:.1} mm (87 % with a tenth of the ball, 73 with 6 %, 35 with 3.5 %)",
             0.1 * ball_mm
         );

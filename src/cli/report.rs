@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let page = CalibrationPage::read(dir)?;
         let set = Replacement::begin(dir)?;
         page.write(set.path())?;
-        set.publish(&[], &[], PAGE)?;
+        set.publish(&[], PAGE)?;
         outln!("{}", dir.join(PAGE).display());
         return Ok(());
     }
@@ -76,7 +76,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if !arguments.pictures.is_empty() {
         crate::report::plots::redraw(dir, set.path(), &arguments.pictures)?;
     }
-    set.publish(&[], &[], PAGE)?;
+    set.publish(&[], PAGE)?;
     outln!("{}", dir.join(PAGE).display());
     Ok(())
 }

@@ -58,7 +58,7 @@ pub fn man(arguments: &ManArguments) -> Result<()> {
         write(name.clone(), sub.clone().name(name.leak() as &'static str))?;
     }
     write("spindoe".to_owned(), command.clone())?;
-    set.publish(&[], &[], "spindoe.1")?;
+    set.publish(&[], "spindoe.1")?;
     outln!("{}", arguments.output.display());
     Ok(())
 }

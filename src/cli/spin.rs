@@ -309,7 +309,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .unwrap_or_else(|| SpinConfig::default().sigma_rad.to_degrees());
     if noise > SUSPICIOUS_NOISE * expected {
         errln!(
-            "spindoe: the orientations are {noise:.1} deg per axis off a {} spin, expected {expected} deg: is it one?",
+            "note: the orientations are {noise:.1} deg per axis off a {} spin, expected {expected} deg: is it one?",
             motion.estimate.motion.model(),
         );
     }

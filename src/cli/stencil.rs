@@ -238,7 +238,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let pieces = piece_files();
     let replaced = FILES.into_iter().chain(pieces.iter().map(String::as_str));
-    set.publish(&replaced.collect::<Vec<_>>(), &[], "stencil.json")?;
+    set.publish(&replaced.collect::<Vec<_>>(), "stencil.json")?;
     warn_of_small_dots(config.ball_diameter_mm, config.hole_diameter_mm);
     print_words(&stencil);
     outln!("written to {}", dir.display());

@@ -152,7 +152,7 @@ impl<O: BatchObserver<[BallEstimate]>> Pass<'_, O> {
         let mut taken = Taken(take);
         read_all(
             sources,
-            self.config.max_pixels,
+            (self.config.max_pixels, self.config.budget.stop),
             new_workspace,
             work,
             &mut taken,

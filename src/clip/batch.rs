@@ -14,6 +14,7 @@ use super::frame_table::{FrameCircles, FrameTimes};
 use super::outlines;
 use super::rolling::seen_times;
 use super::sequence::{SequenceConfig, SequenceSummary, estimate_spin, second_pass};
+use crate::concurrency::StopFlag;
 use crate::error::{Error, Result, require};
 use crate::image::{DEFAULT_MAX_PIXELS, ImageView, Picture, RgbImage, Roi};
 use crate::pipeline::{Sink, map_ordered_within};
@@ -30,9 +31,6 @@ use crate::vision::outline::find::{OutlineFinder, OutlineSearch};
 
 /// Pictures that wait, beyond one a thread.
 const WAITING: usize = 2;
-/// Minimum time between frames, seconds: 20 000 a second. Names that count frames are closer, and so are
-/// microseconds, of 20 frames a second or more.
-const MIN_STEP_S: f64 = 5e-5;
 
 /// Where the times of the frames come from.
 #[derive(Debug, Clone, Default)]
@@ -44,6 +42,8 @@ pub enum FrameClock {
     FramesPerSecond(f64),
     /// From a table.
     Table(FrameTimes),
+    /// From a list, in the frames' order, seconds, with the file that has it.
+    Ordered(PathBuf, Vec<f64>),
 }
 
 /// What is estimated, and how.
@@ -131,7 +131,7 @@ pub enum TimeSource {
     /// The names are numbers, but so near to each other that they count frames or a longer unit: they
     /// are no times.
     FrameNumbers {
-        /// The smallest step of the names, taken as nanoseconds, in seconds.
+        /// The median step of the names, taken as nanoseconds, in seconds.
         step_s: f64,
     },
     /// The names are one and the same number: they are no times.
@@ -455,7 +455,8 @@ impl<O: BatchObserver> FrameJob<'_, O> {
         sink: &mut impl Sink<Result<T>, Error = Error>,
     ) -> Result<Vec<(usize, SourceEnd)>> {
         let new_workspace = || self.work.memory();
-        read_all(sources, self.config.max_pixels, new_workspace, work, sink)
+        let reading = (self.config.max_pixels, self.config.budget.stop);
+        read_all(sources, reading, new_workspace, work, sink)
     }
 
     fn run(&self, frame: Frame, memory: &mut WorkMemory) -> Estimated<O::Kept> {
@@ -658,7 +659,7 @@ impl<O: BatchObserver> FrameJob<'_, O> {
 /// each source, how many frames it has and what it knows at its end.
 pub(crate) fn read_all<W, T: Send>(
     sources: &[&Source],
-    max_pixels: u64,
+    (max_pixels, stop): (u64, Option<StopFlag>),
     new_workspace: impl Fn() -> W + Sync,
     work: impl Fn(usize, Frame, &mut W) -> Result<T> + Sync,
     sink: &mut impl Sink<Result<T>, Error = Error>,
@@ -670,6 +671,7 @@ pub(crate) fn read_all<W, T: Send>(
         open: None,
         max_pixels,
         ends: Vec::new(),
+        stop,
     };
     let frames = sources.frames().enumerate();
     map_ordered_within(
@@ -709,11 +711,15 @@ struct Sources<'a> {
     max_pixels: u64,
     /// How many frames each source had, and what it knew at its end.
     ends: Vec<(usize, SourceEnd)>,
+    stop: Option<StopFlag>,
 }
 
 impl FrameSource for Sources<'_> {
     fn next_frame(&mut self, frame: &mut Frame) -> Result<bool> {
         loop {
+            if self.stop.is_some_and(StopFlag::is_set) {
+                return Err(Error::Stopped);
+            }
             if let Some((source, count)) = &mut self.open {
                 if source.next_frame(frame)? {
                     *count += 1;
@@ -777,6 +783,20 @@ pub(crate) fn set_times<K>(
             }
             Ok(TimeSource::Rate { fps: *rate })
         }
+        FrameClock::Ordered(path, times_s) => {
+            if times_s.len() != frames.len() {
+                let problem = format!(
+                    "expected the times of {} frames, found {}",
+                    frames.len(),
+                    times_s.len()
+                );
+                return Err(Error::input(path, "file", problem));
+            }
+            for (frame, time) in frames.iter_mut().zip(times_s) {
+                frame.time_s = Some(*time);
+            }
+            Ok(TimeSource::Table)
+        }
         FrameClock::Table(table) => {
             let paths: Vec<PathBuf> = frames.iter().map(|f| f.path.clone()).collect();
             for (frame, time) in frames.iter_mut().zip(table.of_frames(&paths)?) {
@@ -800,14 +820,17 @@ fn input_times<K>(video: Option<VideoClock>, frames: &mut [BatchFrame<K>]) -> Ti
         1 => return TimeSource::Names { fps: None },
         _ => {}
     }
-    let steps = times.windows(2).map(|w| w[1] - w[0]);
-    let step_s = steps.fold(f64::INFINITY, f64::min);
+    let steps = times
+        .windows(2)
+        .map(|w| (1e9 * (w[1] - w[0]).abs()).round() as u64);
     let first = times.iter().copied().fold(f64::INFINITY, f64::min);
     let last = times.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let problem = match step_s {
+    let problem = match crate::files::frame_number_step(steps.collect()) {
         _ if first == last => TimeSource::SameNumber,
-        step_s if step_s > 0.0 && step_s < MIN_STEP_S => TimeSource::FrameNumbers { step_s },
-        _ => {
+        Some(step_ns) => TimeSource::FrameNumbers {
+            step_s: 1e-9 * step_ns as f64,
+        },
+        None => {
             let fps = Some((timed - 1) as f64 / (last - first));
             return TimeSource::Names { fps };
         }

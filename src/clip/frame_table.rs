@@ -9,6 +9,7 @@ use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
 
+use super::batch::FrameClock;
 use crate::error::{Error, Result};
 use crate::files::csv::{Columns, Table, TableRow, shown};
 use crate::files::{self, MAX_ROWS};
@@ -66,6 +67,42 @@ impl<T> FrameRow<T> {
 /// occurs twice.
 pub fn read_times(path: &Path) -> Result<FrameTimes> {
     read(path, &TIMES, |row| number(row, 1, "time_s", "seconds"))
+}
+
+/// How the files of times begin that `rpicam-vid --save-pts` and mkvextract write: milliseconds, one a frame.
+const ORDERED: [&str; 2] = ["# timecode format v2", "# timestamp format v2"];
+
+/// Reads the times of frames: of the names in a table ([`read_times`]), or of frames in their order, as `rpicam-vid --save-pts` writes them.
+///
+/// # Errors
+/// As [`read_times`].
+pub fn read_clock(path: &Path) -> Result<FrameClock> {
+    let longest = ORDERED.map(str::len).into_iter().max().unwrap_or(0);
+    let mut start = Vec::new();
+    let read = std::io::Read::take(files::open(path)?, longest as u64);
+    std::io::Read::read_to_end(&mut { read }, &mut start).map_err(|e| Error::read(path, e))?;
+    if !ORDERED
+        .iter()
+        .any(|begin| start.starts_with(begin.as_bytes()))
+    {
+        return read_times(path).map(FrameClock::Table);
+    }
+    let text = files::read_at_most(path, files::MAX_FILE_BYTES)?;
+    let text = String::from_utf8_lossy(&text);
+    let mut times_s = Vec::new();
+    for (k, line) in text.lines().enumerate().skip(1) {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let ms = line.parse().ok().filter(|ms: &f64| ms.is_finite());
+        let ms = ms.ok_or_else(|| {
+            let problem = format!("expected milliseconds, found \"{}\"", shown(line));
+            Error::input(path, format!("line {}", k + 1), problem)
+        })?;
+        times_s.push(1e-3 * ms);
+    }
+    Ok(FrameClock::Ordered(path.to_path_buf(), times_s))
 }
 
 /// Reads a table of outlines: CSV with the header `frame,u,v,radius`, pixels, and where it is known `sigma`, the

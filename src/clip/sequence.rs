@@ -16,7 +16,7 @@ use nalgebra::Matrix3;
 
 use super::orientations::{NamedFrame, orientations};
 use super::rolling::{correct_rows, seen_times};
-use crate::concurrency;
+use crate::concurrency::{self, StopFlag};
 use crate::geometry::CameraFrame;
 use crate::image::ImageView;
 use crate::recognize::Hint;
@@ -53,6 +53,8 @@ pub struct SequenceConfig {
     /// Time from row to row of a rolling shutter, the upper first, seconds; 0 for a global one. The times of the frames are then those of
     /// their first rows, and poses those of the times at which the ball is seen: [`seen_times`](super::rolling::seen_times).
     pub row_s: f64,
+    /// What ends the search in the frames before.
+    pub stop: Option<StopFlag>,
 }
 
 impl Default for SequenceConfig {
@@ -65,6 +67,7 @@ impl Default for SequenceConfig {
             wrong: 0.1,
             trusted: 0.8,
             row_s: 0.0,
+            stop: None,
         }
     }
 }
@@ -223,11 +226,13 @@ impl Estimator {
         image: impl Into<ImageView<'a>>,
         doubt: &FrameInDoubt,
         before: &FrameEstimate,
+        stop: Option<StopFlag>,
         ws: &mut EstimatorWorkspace,
     ) -> Option<FrameEstimate> {
         let mut again = FrameEstimate::default();
         let budget = Budget {
             spent: before.attempts,
+            stop,
             ..Budget::default()
         };
         self.estimate(image, &doubt.prior, &budget, ws, &mut again);
@@ -261,9 +266,13 @@ pub fn estimate_passes<E>(
 ) -> Result<(Vec<FrameEstimate>, SequenceSummary), E> {
     let mut frames = vec![FrameEstimate::default(); count];
     let all: Vec<usize> = (0..count).collect();
+    let budget = Budget {
+        stop: config.stop,
+        ..Budget::default()
+    };
     let alone = |_: usize, image: ImageView<'_>, ws: &mut EstimatorWorkspace| {
         let mut out = FrameEstimate::default();
-        estimator.estimate(image, prior, &Budget::default(), ws, &mut out);
+        estimator.estimate(image, prior, &budget, ws, &mut out);
         Some(out)
     };
     for (k, found) in on_images(&all, &alone)? {
@@ -302,7 +311,7 @@ pub fn second_pass<E>(
         let before = &*frames;
         let again = |k: usize, image: ImageView<'_>, ws: &mut EstimatorWorkspace| {
             let doubt = &doubts[numbers.binary_search(&k).ok()?];
-            estimator.estimate_again(image, doubt, &before[k], ws)
+            estimator.estimate_again(image, doubt, &before[k], config.stop, ws)
         };
         for (k, settled) in on_images(&numbers, &again)? {
             frames[k] = settled;

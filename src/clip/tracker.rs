@@ -275,6 +275,7 @@ impl Tracker {
                 .max_latency
                 .and_then(|most| begun.checked_add(most)),
             search: SearchDepth::Coarse,
+            stop: self.config.sequence.stop,
             ..Budget::default()
         };
         let frame = &mut self.frame;

@@ -119,8 +119,9 @@ pub(super) fn sort_by_rate(candidates: &mut [Candidate]) {
 /// The best pattern at a point in time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Milestone {
-    /// Seconds since the search began, over all its runs.
-    pub elapsed_s: f64,
+    /// Seconds since the search began, over all its runs; none in a report, whose every run has the same bytes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub elapsed_s: Option<f64>,
     /// Rounds of the search completed.
     pub rounds: usize,
     /// The rate of the best candidate, of all views, always on the same trials, which select nothing.

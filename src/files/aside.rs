@@ -270,21 +270,19 @@ impl Replacement {
     }
 
     /// Moves the files into the folder, in place of those of the same names and of `removed`. All that
-    /// are replaced are gone before the first new one is there, but for those `kept`, which are
-    /// replaced at once. `last` appears when all others are there.
+    /// are replaced are gone before the first new one is there. `last` appears when all others are there.
     ///
     /// A signal waits for the end of the moves; those that a kill interrupts are ended by the next run
     /// that writes to the folder.
     ///
     /// # Errors
     /// [`Error::Read`] and [`Error::Write`] on an I/O failure.
-    pub fn publish(self, removed: &[&str], kept: &[&str], last: &str) -> Result<()> {
+    pub fn publish(self, removed: &[&str], last: &str) -> Result<()> {
         let from = self.folder.path();
         let names = names(from)?;
         let alone = removed.iter().filter(|r| !names.iter().any(|n| n == *r));
         let alone: Vec<&str> = alone.copied().collect();
-        let replaced = names.iter().map(String::as_str);
-        let mut gone: Vec<&str> = replaced.filter(|name| !kept.contains(name)).collect();
+        let mut gone: Vec<&str> = names.iter().map(String::as_str).collect();
         gone.extend(&alone);
         // The last to appear is the first to go.
         gone.sort_by_key(|name| (*name != last, *name));

@@ -290,6 +290,42 @@ pub(crate) fn shown(text: &str) -> String {
     line
 }
 
+/// What a file is that begins so, where that is no table.
+fn other_kind(start: &str) -> Option<&'static str> {
+    Some(match start.trim_start() {
+        json if json.starts_with('{') && json.contains("pattern_sha256") => {
+            "JSON, such as the truth of a synthetic clip: its orientations.csv stands beside it"
+        }
+        json if json.starts_with(['{', '[']) => "JSON",
+        archive if archive.starts_with("PK\u{3}\u{4}") => "a NumPy archive, such as a table",
+        image if image.starts_with("\u{fffd}PNG") || image.contains("JFIF") => {
+            "an image: `estimate` makes orientations of it"
+        }
+        _ => return None,
+    })
+}
+
+/// What a table is whose first line is this, where it is another one of ours.
+fn kind(first_line: &str) -> Option<&'static str> {
+    let fields: Vec<&str> = first_line.split(',').map(str::trim).collect();
+    let has = |names: &[&str]| names.iter().all(|name| fields.contains(name));
+    if fields.len() == 3 && fields.iter().all(|field| field.parse::<f64>().is_ok()) {
+        return Some("a pattern's dots");
+    }
+    let known: [(&[&str], &str); 5] = [
+        (&["qw", "qx", "qy", "qz"], "orientations"),
+        (
+            &["frame", "x", "y", "z"],
+            "observed dots: `identify` makes orientations of them",
+        ),
+        (&["frame", "u", "v", "radius"], "outlines of frames"),
+        (&["from_s", "to_s"], "stretches of a spin"),
+        (&["time_s", "wx", "wy", "wz"], "a spin over time"),
+    ];
+    let found = known.into_iter().find(|(names, _)| has(names));
+    found.map(|(_, words)| words)
+}
+
 /// A field of text as written: quoted where CSV requires it.
 pub(crate) fn quoted(text: &str) -> std::borrow::Cow<'_, str> {
     if text.contains([',', '"', '\n', '\r', '#']) || text.trim() != text {
@@ -323,9 +359,16 @@ impl<R: BufRead, const N: usize> Table<R, N> {
     ///
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] where a column is missing or occurs twice.
-    pub fn new(path: &Path, input: R, columns: &'static Columns<N>) -> Result<Self> {
-        let mut rows = Rows::new(path, input, Format::default());
+    pub fn new(path: &Path, mut input: R, columns: &'static Columns<N>) -> Result<Self> {
         let expected = columns.names[columns.required.clone()].join(",");
+        // Another kind of file may have no lines.
+        let start = input.fill_buf().map_err(|e| Error::read(path, e))?;
+        let start = String::from_utf8_lossy(&start[..start.len().min(4 * MAX_SHOWN)]);
+        if let Some(kind) = other_kind(&start) {
+            let problem = format!("expected a header with {expected}, found {kind}");
+            return Err(Error::input(path, "line 1", problem));
+        }
+        let mut rows = Rows::new(path, input, Format::default());
         let Some(header) = rows.next_row()? else {
             let problem = format!("expected a header with {expected}, found nothing");
             return Err(Error::input(path, "line 1", problem));
@@ -340,11 +383,12 @@ impl<R: BufRead, const N: usize> Table<R, N> {
             }
         }
         if let Some(i) = columns.required.clone().find(|&i| places[i].is_none()) {
-            let problem = format!(
-                "expected a header with {} ({expected}), found \"{}\"",
-                columns.names[i],
-                header.shown()
-            );
+            let found = match kind(&header.shown()) {
+                Some(kind) => kind.to_owned(),
+                None => format!("\"{}\"", header.shown()),
+            };
+            let name = columns.names[i];
+            let problem = format!("expected a header with {name} ({expected}), found {found}");
             return Err(header.error(problem));
         }
         Ok(Self {

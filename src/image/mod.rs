@@ -7,6 +7,7 @@
 //! Four shapes: [`GrayImage`] and [`RgbImage`] have values in [0, 1]; [`RawImage`] is a view of a camera's
 //! samples; [`Picture`] owns what was read, and [`ImageView`] is any of them.
 
+pub(crate) mod animation;
 pub(crate) mod picture;
 mod raw;
 mod roi;
@@ -250,7 +251,7 @@ impl RgbImage {
         &self.values[v * self.width + left..][..width]
     }
 
-    /// Reads a PNG, JPEG, BMP, TIFF or PNM file of any depth, by its content and not its name.
+    /// Reads a PNG, JPEG, BMP, TIFF, PNM, GIF or WebP file of any depth, by its content and not its name.
     ///
     /// # Errors
     /// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no image that

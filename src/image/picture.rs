@@ -7,6 +7,7 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageReader};
 
+use super::animation::is_animation;
 use super::{GrayImage, ImageView, RawImage, RawPixel, RgbImage};
 use crate::error::{Error, Result};
 use crate::files;
@@ -72,31 +73,36 @@ fn size_stands_within(start: &[u8]) -> u64 {
     MAX_HEAD + u64::from(directory.unwrap_or(0))
 }
 
-/// The number of pictures of an animated PNG: its decoder gives the first alone.
-fn animation(bytes: &[u8]) -> Option<u32> {
-    let mut rest = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n")?;
-    loop {
-        let (length, after) = rest.split_first_chunk()?;
-        let (kind, after) = after.split_first_chunk::<4>()?;
-        match kind {
-            b"acTL" => {
-                let count = u32::from_be_bytes(*after.first_chunk()?);
-                return (count > 1).then_some(count);
-            }
-            b"IDAT" => return None,
-            // And its checksum.
-            _ => rest = after.get(u32::from_be_bytes(*length) as usize + 4..)?,
-        }
-    }
-}
-
 fn no_image(path: &Path) -> Error {
-    let problem = "expected a PNG, JPEG, BMP, TIFF or PNM file, found none of them";
+    let problem = "expected a PNG, JPEG, BMP, TIFF, PNM, GIF or WebP file, found none of them";
     Error::input(path, "image", problem)
 }
 
+/// What a decoder says, on one line: some explain themselves in several.
+pub(super) fn broken(path: &Path, error: &image::ImageError) -> Error {
+    let words = error.to_string();
+    let line: Vec<&str> = words.split_whitespace().collect();
+    let problem = format!("cannot be decoded: {}", files::csv::shown(&line.join(" ")));
+    Error::input(path, "image", problem)
+}
+
+/// Rejects a picture of more than `max_pixels` pixels.
+pub(super) fn check_pixels(
+    path: &Path,
+    (width, height): (u32, u32),
+    max_pixels: u64,
+) -> Result<()> {
+    if u64::from(width) * u64::from(height) <= max_pixels {
+        return Ok(());
+    }
+    let problem = format!(
+        "expected at most {max_pixels} pixels, found {width} x {height} (--config max_pixels=N allows more)"
+    );
+    Err(Error::input(path, "image", problem))
+}
+
 impl Picture {
-    /// Reads a PNG, JPEG, BMP, TIFF or PNM file of any depth, by its content and not its name.
+    /// Reads a PNG, JPEG, BMP, TIFF, PNM, GIF or WebP file of any depth, by its content and not its name.
     ///
     /// # Errors
     /// [`Error::Read`] where the file cannot be read, [`Error::Input`] where it is no image that
@@ -137,43 +143,39 @@ impl Picture {
     /// # Errors
     /// [`Error::Input`] as in [`Picture::read`].
     pub fn decode(path: &Path, bytes: &[u8], max_pixels: u64) -> Result<Self> {
-        let reject = |problem: String| Error::input(path, "image", problem);
         let reader = ImageReader::new(Cursor::new(bytes))
             .with_guessed_format()
-            .map_err(|e| reject(e.to_string()))?;
+            .map_err(|e| Error::input(path, "image", e.to_string()))?;
         if reader.format().is_none() {
             return Err(no_image(path));
         }
-        if let Some(count) = animation(bytes) {
-            let problem = format!(
-                "expected one picture, found an animation of {count}: ffmpeg makes single ones of it (ffmpeg -i FILE f%06d.png)"
-            );
-            return Err(reject(problem));
+        if is_animation(bytes) {
+            let problem = "expected one picture, found an animation";
+            return Err(Error::input(path, "image", problem));
         }
-        // Some decoders explain themselves in several lines.
-        let broken = |e: image::ImageError| {
-            let words = e.to_string();
-            let line: Vec<&str> = words.split_whitespace().collect();
-            reject(format!("cannot be decoded: {}", line.join(" ")))
-        };
+        let broken = |e: image::ImageError| broken(path, &e);
         let mut decoder = reader.into_decoder().map_err(broken)?;
-        let (width, height) = decoder.dimensions();
-        if u64::from(width) * u64::from(height) > max_pixels {
-            let problem = format!(
-                "expected at most {max_pixels} pixels, found {width} x {height} (estimate --max-pixels allows more)"
-            );
-            return Err(reject(problem));
-        }
+        check_pixels(path, decoder.dimensions(), max_pixels)?;
         let orientation = decoder.orientation().map_err(broken)?;
         let mut decoded = DynamicImage::from_decoder(decoder).map_err(broken)?;
         decoded.apply_orientation(orientation);
+        Self::of_decoded(path, decoded)
+    }
+
+    /// A picture that is decoded.
+    pub(super) fn of_decoded(path: &Path, decoded: DynamicImage) -> Result<Self> {
         let size = [decoded.width() as usize, decoded.height() as usize];
         match decoded {
             DynamicImage::ImageRgb8(image) => Self::of(size, RawPixel::Rgb, image.into_raw()),
             DynamicImage::ImageLuma8(image) => Self::of(size, RawPixel::Gray, image.into_raw()),
+            // Nothing of it is transparent, as nearly always.
+            DynamicImage::ImageRgba8(image) if image.pixels().all(|p| p.0[3] == u8::MAX) => {
+                let colors = image.pixels().flat_map(|p| [p.0[0], p.0[1], p.0[2]]);
+                Self::of(size, RawPixel::Rgb, colors.collect())
+            }
             deep => deep_image(&deep).map(Self::Color),
         }
-        .map_err(|e| reject(e.to_string()))
+        .map_err(|e| Error::input(path, "image", e.to_string()))
     }
 
     fn of([width, height]: [usize; 2], pixel: RawPixel, values: Vec<u8>) -> Result<Self> {

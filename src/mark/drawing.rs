@@ -200,6 +200,8 @@ pub struct Drawing {
     pub pages: Vec<Page>,
     /// Width of lines, mm.
     pub line_mm: f64,
+    /// Whether lengths are a motor's steps instead: an SVG of them has no unit.
+    pub is_in_steps: bool,
 }
 
 impl Drawing {

@@ -108,6 +108,7 @@ pub fn gores(pattern: &Pattern, config: &MarkConfig, gores: &GoreConfig) -> Resu
         note,
         pages,
         line_mm: LINE_MM,
+        is_in_steps: false,
     })
 }
 

@@ -227,6 +227,7 @@ pub fn plotter_drawing(
             items,
         }],
         line_mm: plotter.pen_diameter_mm / (TAU * config.radius_mm()) * steps,
+        is_in_steps: true,
     })
 }
 

@@ -198,6 +198,7 @@ pub fn stencil_sheet(stencil: &Stencil, page: PageSize, date: Option<&str>) -> D
         note,
         pages,
         line_mm: 0.18,
+        is_in_steps: false,
     }
 }
 

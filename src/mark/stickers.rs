@@ -84,6 +84,7 @@ pub fn stickers(
         note,
         pages,
         line_mm: LINE_MM,
+        is_in_steps: false,
     })
 }
 

@@ -1,6 +1,6 @@
 //! Drawings as SVG, true to size.
 //!
-//! One user unit is a millimeter; y runs down, from the page's upper edge. Each layer is a group
+//! One user unit is a millimeter, or a plotter's step; y runs down, from the page's upper edge. Each layer is a group
 //! that Inkscape shows as a layer; shapes of a dot carry `data-dot`. The note lies in `<metadata>`.
 
 use svg::Document;
@@ -20,11 +20,13 @@ pub fn svg_text(drawing: &Drawing) -> Vec<String> {
 
 fn document(drawing: &Drawing, page: &Page) -> Document {
     let (w, h) = (page.width_mm, page.height_mm);
+    // EggBot's driver scales a width in millimeters to pixels of 96 an inch, by 3.78.
+    let unit = if drawing.is_in_steps { "" } else { "mm" };
     let mut metadata = Element::new("metadata");
     metadata.append(svg::node::Text::new(drawing.note_json()));
     let mut document = Document::new()
-        .set("width", format!("{}mm", rounded(w)))
-        .set("height", format!("{}mm", rounded(h)))
+        .set("width", format!("{}{unit}", rounded(w)))
+        .set("height", format!("{}{unit}", rounded(h)))
         .set("viewBox", format!("0 0 {} {}", rounded(w), rounded(h)))
         .set(
             "xmlns:inkscape",

@@ -32,7 +32,6 @@ use std::path::Path;
 use nalgebra::Matrix2;
 
 use crate::error::{Error, Result};
-#[cfg(feature = "native")]
 use crate::files;
 use crate::files::csv::{Columns, Field, Table, TableRow, quoted, shown};
 use crate::geometry::{Spherical, Vec3, tangent_frame};
@@ -40,8 +39,8 @@ use crate::pattern::{LENGTH_ROUNDING, LENGTH_TOLERANCE, Pattern};
 use crate::view::{DotUncertainty, ObservedDot, Trial, TrialGenerator, ViewModel};
 
 /// Maximum number of dots of a frame; far more than any pattern and its false dots show. The
-/// recognizers compare all pairs of them.
-pub const MAX_FRAME_DOTS: usize = 1 << 10;
+/// recognizers compare all pairs of them, and the robust one's memory grows with their square.
+pub const MAX_FRAME_DOTS: usize = 256;
 /// Frames whose names are remembered, to detect rows separated from their frame: 6 minutes at 350
 /// frames per second, in 4 MB.
 pub const REMEMBERED_FRAMES: usize = 1 << 17;
@@ -60,6 +59,8 @@ static COLUMNS: Columns<9> = Columns {
     ],
     required: 0..4,
 };
+/// Steps between names that decide whether these are times.
+const COUNTED_STEPS: usize = 256;
 /// Those of [`COLUMNS`] that make up a covariance.
 const COVARIANCE: std::ops::Range<usize> = 6..9;
 /// Dots nearer to the z axis than this (sine) have no outward direction.
@@ -70,18 +71,12 @@ const CENTER: f64 = 1e-12;
 pub struct ObservedFrame {
     /// The frame's name.
     pub name: String,
-    /// Time of the image in seconds, where the file has it.
+    /// Time of the image in seconds, where the file has it, or the name is a whole number of nanoseconds.
     pub time_s: Option<f64>,
+    /// Whether the name is a whole number, but those of the file number the frames.
+    pub is_numbered: bool,
     /// The dots, camera frame.
     pub dots: Vec<ObservedDot>,
-}
-
-impl ObservedFrame {
-    /// The frame's time in seconds: as given, or from a name that is a whole number of nanoseconds.
-    pub fn time_or_name_s(&self) -> Option<f64> {
-        self.time_s
-            .or_else(|| self.name.parse::<u64>().ok().map(|ns| ns as f64 * 1e-9))
-    }
 }
 
 /// The first `samples` trials of a seed as a detector would report them, named `trial-0`,
@@ -99,6 +94,7 @@ pub fn observed_frames(
         (trial.real_dots() >= view.min_dots).then(|| ObservedFrame {
             name: format!("trial-{index}"),
             time_s: None,
+            is_numbered: false,
             dots: trial.dots.clone(),
         })
     };
@@ -131,6 +127,8 @@ pub struct ObservedReader<R> {
     /// The frame whose rows are being read.
     pending: Option<ObservedFrame>,
     names: RecentNames,
+    /// The steps of names that are whole numbers, of the first frames.
+    steps_ns: Vec<u64>,
     ended: bool,
 }
 
@@ -153,8 +151,26 @@ impl<R: BufRead> ObservedReader<R> {
             sigma_rad,
             pending: None,
             names: RecentNames::default(),
+            steps_ns: Vec::new(),
             ended: false,
         })
+    }
+
+    /// A frame with its time, now that the name of the next one is known.
+    fn timed(&mut self, mut frame: ObservedFrame, next: Option<&str>) -> ObservedFrame {
+        let Some(ns) = files::nanoseconds(&frame.name).filter(|_| frame.time_s.is_none()) else {
+            return frame;
+        };
+        if let Some(next) = next.and_then(files::nanoseconds)
+            && self.steps_ns.len() < COUNTED_STEPS
+        {
+            self.steps_ns.push(next.abs_diff(ns));
+        }
+        match files::frame_number_step(self.steps_ns.clone()) {
+            Some(_) => frame.is_numbered = true,
+            None => frame.time_s = Some(ns as f64 * 1e-9),
+        }
+        frame
     }
 
     /// Reads on until a frame is complete.
@@ -182,10 +198,12 @@ impl<R: BufRead> ObservedReader<R> {
             let begun = ObservedFrame {
                 name: name.to_owned(),
                 time_s,
+                is_numbered: false,
                 dots: vec![dot],
             };
+            let next = begun.name.clone();
             if let Some(complete) = self.pending.replace(begun) {
-                return Ok(Some(complete));
+                return Ok(Some(self.timed(complete, Some(&next))));
             }
         }
         self.ended = true;
@@ -193,7 +211,8 @@ impl<R: BufRead> ObservedReader<R> {
             let problem = "expected at least one dot";
             return Err(Error::input(self.table.path(), "file", problem));
         }
-        Ok(self.pending.take())
+        let last = self.pending.take();
+        Ok(last.map(|frame| self.timed(frame, None)))
     }
 }
 
@@ -428,7 +447,7 @@ mod tests {
         assert!(
             error
                 .to_string()
-                .contains("line 1026: expected at most 1024 dots"),
+                .contains("line 258: expected at most 256 dots"),
             "{error}"
         );
     }

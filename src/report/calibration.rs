@@ -11,6 +11,7 @@ use crate::ball::Ball;
 use crate::calibrate::{
     Calibration, CalibrationConfig, DotState, HeldOut, MIN_EXPECTED_VIEWS, MotionResidual, held_out,
 };
+use crate::concurrency::StopFlag;
 use crate::error::Result;
 use crate::files;
 use crate::geometry::{Vec3, tangent_frame};
@@ -154,6 +155,8 @@ pub struct CalibrationEvaluationConfig {
     pub samples: u64,
     /// Their seed.
     pub seed: u64,
+    /// What ends them before, with an error.
+    pub stop: Option<StopFlag>,
 }
 
 impl Default for CalibrationEvaluationConfig {
@@ -162,6 +165,7 @@ impl Default for CalibrationEvaluationConfig {
         Self {
             samples: 2000,
             seed: 0,
+            stop: None,
         }
     }
 }
@@ -303,8 +307,9 @@ fn monte_carlo(
     let expected = kept(false).chain(kept(true)).map(|d| d.nominal);
     let expected = Pattern::new(expected.collect())?;
     let run = |ball: &Pattern, known: &Pattern, protocol: ProtocolName| -> Result<Validation> {
-        let CalibrationEvaluationConfig { samples, seed } = *evaluation;
-        let trials = Trials::first(ball, protocol.view(), seed, samples);
+        let CalibrationEvaluationConfig { samples, seed, .. } = *evaluation;
+        let mut trials = Trials::first(ball, protocol.view(), seed, samples);
+        trials.stop = evaluation.stop;
         let recognizer = RobustRecognizer::new(known, trials.view.into())?;
         let results = trials.run(&recognizer, &|_| {})?;
         Ok(Validation::of(&results, protocol, &trials).untimed())

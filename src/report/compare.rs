@@ -160,6 +160,17 @@ fn passed(result: &TrialResult) -> [bool; 2] {
     }
 }
 
+impl Comparison {
+    /// The same without times, so that the same seed gives the same bytes.
+    #[must_use]
+    pub fn untimed(mut self) -> Self {
+        for contest in &mut self.contests {
+            contest.validation = contest.validation.clone().untimed();
+        }
+        self
+    }
+}
+
 /// Counts pairs: success `which` of `results` against that of `first`.
 fn difference(first: &[TrialResult], results: &[TrialResult], which: usize) -> PairedDifference {
     let mut pairs = Pairs::default();

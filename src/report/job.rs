@@ -1,11 +1,10 @@
 //! A whole design: the search, the evaluation of its winner, and the output folder.
 //!
-//! During the run the folder holds `search.json`, from which a stopped or killed search continues,
-//! and `pattern.csv`, the best so far. At the end it holds all that [`DesignEvaluation`] writes,
-//! and the stencil. A job that is stopped finishes with the best so far. Whatever interrupts it, no
-//! two results stand beside each other: what an earlier run left goes when another pattern comes,
-//! the new results are written aside and moved in together, `report.json` last, and a lock keeps
-//! other jobs out of the folder.
+//! During the run the folder holds `search.json`, from which a stopped or killed search continues.
+//! At the end it holds all that [`DesignEvaluation`] writes, and the stencil. A job that is stopped
+//! finishes with the best so far. Whatever interrupts it, a full disk too, no two results stand
+//! beside each other, and no part of one: results are written aside and moved in together in place
+//! of earlier ones, `report.json` last, and a lock keeps other jobs out of the folder.
 //!
 //! What it does not do: limit its time. Budgets belong to the observer
 //! ([`DesignObserver::another_round`]).
@@ -44,15 +43,8 @@ use crate::stencil::{Stencil, StencilConfig};
 pub const CHECKPOINT: &str = "search.json";
 /// The pattern within the folder.
 const PATTERN: &str = "pattern.csv";
-/// What depends on the pattern, the mark of a whole result first.
-const RESULTS: [&str; 6] = [
-    REPORT,
-    "report.html",
-    "stencil",
-    "table.npz",
-    "sensitivity.csv",
-    ADDED,
-];
+/// What a design may lack: that of an earlier one is not to stand beside it.
+const OPTIONAL: [&str; 2] = ["stencil", ADDED];
 /// The picture of dots that are to be drawn beside others.
 const ADDED: &str = "added.png";
 
@@ -287,7 +279,7 @@ impl DesignJob {
         found.report.added = DotPlace::added(found.ball.pattern().dots(), drawn, ball_mm);
         found.report.command = command;
         found.report.camera = camera;
-        found.report.timing.search_s = search_s;
+        found.timing.search_s = search_s;
         let results = Replacement::begin(&self.dir)?;
         found.write(results.path())?;
         #[cfg(feature = "plot")]
@@ -298,8 +290,7 @@ impl DesignJob {
         }
         self.write_stencil(&found, results.path(), observer)?;
         DesignPage::read(results.path())?.write(results.path())?;
-        // The pattern is replaced at once: it is what a search leaves at any time.
-        results.publish(&[], &[PATTERN], REPORT)?;
+        results.publish(&OPTIONAL, REPORT)?;
         Ok(found)
     }
 
@@ -445,7 +436,7 @@ fn finished_shards(job: &DesignJob, paths: &[PathBuf]) -> Result<Vec<SearchState
     Ok(found.into_iter().map(|(.., state)| state).collect())
 }
 
-/// Saves a search on disk before its observer is called: of one piece also the best pattern so far.
+/// Saves a search on disk before its observer is called.
 struct Keeper<'a> {
     job: &'a DesignJob,
     shard: Option<ShardRecord>,
@@ -455,8 +446,6 @@ struct Keeper<'a> {
     observer: &'a mut dyn JobObserver,
     /// How a camera ranks the finalists.
     camera: Option<CameraRecord>,
-    /// The dots of the pattern on disk.
-    saved: Option<Vec<[f64; 3]>>,
 }
 
 impl<'a> Keeper<'a> {
@@ -472,47 +461,18 @@ impl<'a> Keeper<'a> {
             stop,
             observer,
             camera: None,
-            saved: None,
         }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        Path::join(&self.job.dir, name)
     }
 
     fn save(&self, state: &SearchState) -> Result<()> {
         let (config, shard) = (self.job.config.clone(), self.shard.clone());
-        Checkpoint::new(config, state.clone(), shard).save(&self.path(CHECKPOINT))
-    }
-
-    /// Writes a pattern, and takes away what depends on another.
-    fn save_pattern(&mut self, best: &Candidate) -> Result<()> {
-        if self.saved.as_ref() == Some(&best.dots) {
-            return Ok(());
-        }
-        let zones = self.job.config.constraints.keep_out.clone();
-        let pattern = best.pattern()?.with_keep_out(zones)?;
-        let path = self.path(PATTERN);
-        if files::read_bytes(&path).ok().as_deref() != Some(pattern.to_csv().as_bytes()) {
-            for name in RESULTS {
-                files::remove_any(&self.path(name))?;
-            }
-            let record = self.job.record(None);
-            pattern.write_with(&path, Some(&record))?;
-        }
-        self.saved = Some(best.dots.clone());
-        Ok(())
+        Checkpoint::new(config, state.clone(), shard).save(&self.job.dir.join(CHECKPOINT))
     }
 }
 
 impl DesignObserver for Keeper<'_> {
     fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
         self.save(state)?;
-        if self.shard.is_none()
-            && let Some(best) = state.best()
-        {
-            self.save_pattern(best)?;
-        }
         self.observer.progress(state, stage)
     }
 

@@ -1,10 +1,9 @@
 //! The result of a design: the evaluation of the winner on fresh trials, and the folder with
 //! everything that a user or an estimator needs. [`DesignJob`] does all of it.
 //!
-//! The folder holds `pattern.csv`, `table.npz`, `report.json`, `report.html`, `sensitivity.csv` and `stencil/`, and
-//! pictures where they are asked for. For the same arguments every file is identical byte for byte, on any number of
-//! threads, except for measured times: the key `timing` of `report.json`, the picture `progress`, and
-//! `report.html`, which shows them.
+//! The folder holds `pattern.csv`, `table.npz`, `report.json`, `report.html`, `sensitivity.csv`, `timing.json` and `stencil/`,
+//! and pictures where they are asked for. For the same arguments every file is identical byte for byte, on any number of
+//! threads, except for `timing.json`, which has the measured times.
 
 #[cfg(feature = "vision")]
 pub mod calibration;
@@ -47,8 +46,10 @@ pub use job::{CHECKPOINT, DesignJob, JobObserver, ShardedJob, Start};
 
 /// The report within a folder, the last file to appear.
 pub(crate) const REPORT: &str = "report.json";
+/// The measured times within a folder.
+const TIMING: &str = "timing.json";
 /// Version of `report.json`.
-pub const REPORT_VERSION: u32 = 5;
+pub const REPORT_VERSION: u32 = 6;
 
 /// The seeds of a design: none is used for two purposes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -74,7 +75,7 @@ pub struct PatternReport {
     pub dots: Vec<[f64; 3]>,
 }
 
-/// Duration of the stages, seconds of wall-clock time.
+/// Duration of the stages, seconds of wall-clock time: `timing.json`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Timing {
     /// Descents and selection.
@@ -135,8 +136,8 @@ pub struct DesignReport {
     /// How the finalists were ranked for a camera, where they were.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera: Option<CameraRecord>,
-    /// Clock times; they differ from run to run.
-    pub timing: Timing,
+    /// The best rate over the rounds of the search.
+    pub milestones: Vec<Milestone>,
 }
 
 impl DesignReport {
@@ -208,6 +209,8 @@ pub struct DesignEvaluation {
     pub ball: Ball,
     /// The report.
     pub report: DesignReport,
+    /// Clock times; they differ from run to run.
+    pub timing: Timing,
 }
 
 /// Evaluates the winner of a search on the report's own trials; `says` receives the name of each
@@ -282,9 +285,20 @@ pub fn evaluate(
         added: Vec::new(),
         sensitivity,
         camera: None,
-        timing,
+        milestones: outcome.milestones.iter().map(untimed).collect(),
     };
-    Ok(DesignEvaluation { ball, report })
+    Ok(DesignEvaluation {
+        ball,
+        report,
+        timing,
+    })
+}
+
+fn untimed(milestone: &Milestone) -> Milestone {
+    Milestone {
+        elapsed_s: None,
+        ..*milestone
+    }
 }
 
 impl Seeds {
@@ -375,6 +389,7 @@ impl DesignEvaluation {
         ball.write_npz(&dir.join("table.npz"))?;
         let csv = sensitivity_csv(&self.report.sensitivity);
         files::write_bytes(&dir.join("sensitivity.csv"), csv.as_bytes())?;
+        folder::write_report(&dir.join(TIMING), &self.timing)?;
         self.report.write(dir)
     }
 

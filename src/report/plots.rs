@@ -112,11 +112,11 @@ pub fn redraw(dir: &Path, to: &Path, formats: &[PictureFormat]) -> Result<()> {
     write_all(to, &report, &ball, formats)
 }
 
-/// The best rate over the time of the search; of a search of one round, which has no course, the
+/// The best rate over the rounds of the search; of a search of one round, which has no course, the
 /// rates of its finalists.
 fn progress(dir: &Path, report: &DesignReport, formats: &[PictureFormat]) -> Result<()> {
     let protocol = report.config.views;
-    let milestones = &report.timing.milestones;
+    let milestones = &report.milestones;
     let Some(first) = milestones.first() else {
         return Ok(());
     };
@@ -146,15 +146,15 @@ fn progress(dir: &Path, report: &DesignReport, formats: &[PictureFormat]) -> Res
     }
     let trials = first.answered.trials;
     let rounds = RateSeries {
-        name: format!("rounds of the search ({trials} trials, 95 % intervals)"),
+        name: format!("best so far ({trials} trials, 95 % intervals)"),
         points: milestones
             .iter()
-            .map(|m| point(m.elapsed_s / 60.0, &m.answered))
+            .map(|m| point(m.rounds as f64, &m.answered))
             .collect(),
     };
     let plot = CurvePlot {
         title: format!("Best pattern so far: \u{201c}{protocol}\u{201d} views not answered right"),
-        x_label: "time [min]".into(),
+        x_label: "rounds of the search".into(),
         y_label: "views not answered right".into(),
         scale: RateScale::Failure,
         log_x: false,

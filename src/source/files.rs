@@ -4,20 +4,22 @@
 //! letter: runs of digits compare as numbers, so that "3333333" comes before "103333323". Images
 //! and videos whose metadata says that the camera was rotated are rotated upright. Times: a file's
 //! stem as an integer is nanoseconds (SpinDOE's convention); a video's frames have the container's
-//! own time stamps, even or not; the pages of a TIFF file have none; [`frame_table`](crate::clip::frame_table) reads others from a table.
+//! own time stamps, even or not; the pages of a TIFF file and the pictures of an animation have none; [`frame_table`](crate::clip::frame_table) reads others from a table.
 //! [`video`](super::video) reads the frames of videos.
 
 use std::cmp::Ordering;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use super::video::VideoSource;
 use super::{Frame, FrameSource, stack, stem};
 use crate::error::{Error, Result};
 use crate::image::Picture;
+use crate::image::animation::{self, Animation};
 
 /// Endings of image files, lower case.
-const IMAGES: [&str; 10] = [
-    "png", "jpg", "jpeg", "bmp", "tif", "tiff", "pgm", "ppm", "pnm", "pbm",
+const IMAGES: [&str; 12] = [
+    "png", "jpg", "jpeg", "bmp", "tif", "tiff", "pgm", "ppm", "pnm", "pbm", "gif", "webp",
 ];
 /// Endings of video files, lower case.
 const VIDEOS: [&str; 19] = [
@@ -92,10 +94,7 @@ fn is_hexadecimal(text: &str) -> bool {
 
 /// The time of a file whose stem is an integer number of nanoseconds, seconds.
 pub fn time_of_stem(stem: &str) -> Option<f64> {
-    if digits(stem) != stem.len() {
-        return None;
-    }
-    stem.parse::<u64>().ok().map(|ns| ns as f64 / 1e9)
+    crate::files::nanoseconds(stem).map(|ns| ns as f64 / 1e9)
 }
 
 /// A file to read frames from.
@@ -216,46 +215,55 @@ pub fn open(source: &Source, max_pixels: u64) -> Result<Box<dyn FrameSource + Se
             path: path.clone(),
             max_pixels,
             read: 0,
-            stack: None,
+            several: None,
         }),
         Source::Video(path) => Box::new(VideoSource::open(path, max_pixels)?),
     })
 }
 
-/// An image file: one picture, or the pages of a TIFF file.
+/// An image file: one picture, the pages of a TIFF file, or the pictures of an animation.
 struct ImageFile {
     path: PathBuf,
     max_pixels: u64,
     read: usize,
-    stack: Option<Stack>,
+    several: Option<Several>,
 }
 
-/// A file of several pages.
-struct Stack {
-    bytes: Vec<u8>,
-    pages: Vec<u64>,
+/// What a file of several pictures holds.
+enum Several {
+    Pages { bytes: Vec<u8>, pages: Vec<u64> },
+    Animation(Animation),
 }
 
-/// Bytes of the largest stack.
-const MAX_STACK: u64 = 4 << 30;
+/// Bytes of the largest file of several pictures.
+const MAX_SEVERAL: u64 = 4 << 30;
 
 impl ImageFile {
-    /// The stack that the file is; none for a file of one picture, and for one that is no TIFF.
-    fn stack(&self) -> Result<Option<Stack>> {
+    /// What the file holds; none for a file of one picture, and for one that is neither.
+    fn several(&self) -> Result<Option<Several>> {
         let is_file = std::fs::metadata(&self.path).is_ok_and(|m| m.is_file());
-        let starts_as_tiff = || {
-            let mut start = [0; 4];
-            let mut file = std::fs::File::open(&self.path).ok()?;
-            std::io::Read::read_exact(&mut file, &mut start).ok()?;
-            stack::is_tiff(&start).then_some(())
+        let start = || {
+            let mut start = Vec::new();
+            let file = std::fs::File::open(&self.path).ok()?;
+            file.take(animation::START).read_to_end(&mut start).ok()?;
+            Some(start)
         };
         // What cannot be read is said when its picture is.
-        if !is_file || starts_as_tiff().is_none() {
+        let Some(start) = is_file.then(start).flatten() else {
+            return Ok(None);
+        };
+        let (is_tiff, may_be_animation) = (stack::is_tiff(&start), animation::may_be(&start));
+        if !is_tiff && !may_be_animation {
             return Ok(None);
         }
-        let bytes = crate::files::read_at_most(&self.path, MAX_STACK)?;
-        let pages = stack::pages(&bytes);
-        Ok((pages.len() > 1).then_some(Stack { bytes, pages }))
+        let bytes = crate::files::read_at_most(&self.path, MAX_SEVERAL)?;
+        if is_tiff {
+            let pages = stack::pages(&bytes);
+            return Ok((pages.len() > 1).then_some(Several::Pages { bytes, pages }));
+        }
+        let all = animation::is_animation(&bytes)
+            .then(|| Animation::new(&self.path, bytes, self.max_pixels));
+        Ok(all.transpose()?.map(Several::Animation))
     }
 }
 
@@ -266,20 +274,28 @@ impl FrameSource for ImageFile {
         self.read += 1;
         let mut failed = None;
         if k == 0 {
-            match self.stack() {
-                Ok(stack) => self.stack = stack,
+            match self.several() {
+                Ok(several) => self.several = several,
                 Err(error) => failed = Some(error),
             }
         }
-        if let Some(Stack { bytes, pages }) = &mut self.stack {
-            let Some(page) = pages.get(k) else {
+        let picture = match &mut self.several {
+            None => None,
+            Some(Several::Pages { bytes, pages }) => {
+                let page = pages.get(k);
+                Some(page.map(|page| stack::read_page(&self.path, bytes, *page, self.max_pixels)))
+            }
+            Some(Several::Animation(all)) => Some(all.next_picture()),
+        };
+        if let Some(picture) = picture {
+            let Some(picture) = picture else {
                 return Ok(false);
             };
             let name = format!("{name}_{:06}", self.read);
             *frame = Frame {
                 path: self.path.with_file_name(&name),
                 name,
-                picture: stack::read_page(&self.path, bytes, *page, self.max_pixels),
+                picture,
                 ..Frame::default()
             };
             return Ok(true);

@@ -114,7 +114,7 @@ impl<R: BufRead> PipeReader<R> {
         let max_pixels = self.max_pixels;
         if !(1..=max_pixels).contains(&pixels) {
             return Err(self.error(format!(
-                "expected 1 to {max_pixels} pixels, found {width} x {height} (--max-pixels allows more)"
+                "expected 1 to {max_pixels} pixels, found {width} x {height} (--config max_pixels=N allows more)"
             )));
         }
         self.max_bytes = max_bytes(pixels).try_into().unwrap_or(usize::MAX);

@@ -309,7 +309,9 @@ impl DecoderLog {
 
 /// Whether a line tells of damage: a decoder's or a container's, and not what they print of the file.
 fn is_damage(line: &str) -> bool {
-    let is_of_part = line.starts_with('[') || line.starts_with("Error");
+    // What writes the pictures complains of the times of raw streams, and loses none.
+    let is_of_part =
+        line.starts_with('[') && !line.starts_with("[image2pipe") || line.starts_with("Error");
     let words = line.to_lowercase();
     is_of_part && DAMAGE.iter().any(|word| words.contains(word))
 }
@@ -351,6 +353,8 @@ mod tests {
             assert_eq!(log(count, "").damage, None, "{count}");
         }
         assert_eq!(log(1, "").damage, None);
+        let raw = "[image2pipe @ 0x56497fa8d200] Application provided invalid, non monotonically increasing dts to muxer in stream 0: 0 >= 0\n";
+        assert_eq!(log(60, raw).damage, None);
         // Nor is one whose sound is longer, or whose pictures begin late.
         let sound =
             "  Stream #0:1[0x2](und): Audio: aac (LC), 44100 Hz, mono, fltp, 69 kb/s (default)\n";

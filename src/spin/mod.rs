@@ -190,7 +190,7 @@ pub enum SpinRejection {
     /// The times are so far apart that the number of turns between them is undetermined.
     #[error(
         "orientations {interval_s} s apart leave {turns:.0} turns open between them at up to {max_rps:.0} rps, \
-         expected at most {MAX_TURNS} (are the times in seconds?)"
+         expected at most {MAX_TURNS} (are the times in seconds? --fps gives others)"
     )]
     Sparse {
         /// The minimum interval between successive orientations, seconds.
@@ -213,7 +213,7 @@ pub enum SpinRejection {
     /// Two orientations follow each other faster than any camera takes them.
     #[error(
         "orientation {index}: {interval_s:e} s after the one before, expected at least \
-         {MIN_INTERVAL_S:e} s (are the times in seconds?)"
+         {MIN_INTERVAL_S:e} s (are the times in seconds? --fps gives others)"
     )]
     Close {
         /// Index of the later measurement, from 0.

@@ -22,8 +22,8 @@ pub use sensitivity::{
 use std::ops::Range;
 
 use crate::ball::Ball;
-use crate::concurrency::{self, Stopwatch};
-use crate::error::{Result, require};
+use crate::concurrency::{self, StopFlag, Stopwatch};
+use crate::error::{Error, Result, require};
 use crate::geometry::rotation_angle;
 use crate::pattern::Pattern;
 use crate::recognize::{NamedRecognizer, Recognizer, RecognizerName};
@@ -128,6 +128,8 @@ pub struct Trials<'p> {
     pub seed: u64,
     /// Their numbers: ranges that follow each other give what one run over all of them gives.
     pub range: Range<u64>,
+    /// What ends the run before, with an error.
+    pub stop: Option<StopFlag>,
 }
 
 impl<'p> Trials<'p> {
@@ -138,6 +140,7 @@ impl<'p> Trials<'p> {
             view,
             seed,
             range: 0..samples,
+            stop: None,
         }
     }
 
@@ -145,7 +148,7 @@ impl<'p> Trials<'p> {
     /// from any thread how many more trials are done.
     ///
     /// # Errors
-    /// [`crate::Error::Argument`] for no trials, too many, or a view model outside its domain.
+    /// [`crate::Error::Argument`] for no trials, too many, or a view model outside its domain; [`crate::Error::Stopped`].
     pub fn run<R: Recognizer>(
         &self,
         recognizer: &R,
@@ -155,7 +158,11 @@ impl<'p> Trials<'p> {
         self.view.check()?;
         check_samples(if start < end { end } else { 0 })?;
         let chunks = start / CHUNK..end.div_ceil(CHUNK);
+        let is_stopped = || self.stop.is_some_and(StopFlag::is_set);
         let results = concurrency::map_range(chunks, |chunk| {
+            if is_stopped() {
+                return Vec::new();
+            }
             let mut generator = self.generator();
             let mut trial = Trial::default();
             let mut workspace = recognizer.workspace();
@@ -169,6 +176,9 @@ impl<'p> Trials<'p> {
             observer(to - from);
             results
         });
+        if is_stopped() {
+            return Err(Error::Stopped);
+        }
         Ok(results.into_iter().flatten().collect())
     }
 

@@ -8,6 +8,8 @@
 //! `SPINDOE_SIGNALS=200` sends as many signals to each command that writes a folder; `SPINDOE_LONG=1000000`
 //! takes long files of as many rows.
 
+#[cfg(feature = "vision")]
+mod changed;
 #[cfg(all(feature = "cli", target_os = "linux"))]
 mod endless;
 #[cfg(feature = "cli")]

@@ -44,7 +44,7 @@ const DRAWING: &[(&str, &str)] = &[
     ("vision/pose/trust", "vision/optics"),
     (
         "vision/frame",
-        "geometry image recognize view vision/dots vision/optics vision/outline/circle vision/pose/trust",
+        "concurrency geometry image recognize view vision/dots vision/optics vision/outline/circle vision/pose/trust",
     ),
     (
         "vision/outline",

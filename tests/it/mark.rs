@@ -9,8 +9,8 @@ use std::process::{Command, Output};
 use spindoe::geometry::{Rotation, Vec3, angle_between, spiral_directions};
 use spindoe::mark::{
     Caliper, Drawing, GoreConfig, Item, Layer, MarkConfig, PageSize, PlotterConfig, Shape,
-    StickerConfig, dxf_text, free_axis, gores, pdf_bytes, plotter_paths, references, stickers,
-    svg_text,
+    StickerConfig, dxf_text, free_axis, gores, pdf_bytes, plotter_drawing, plotter_paths,
+    references, stickers, svg_text,
 };
 use spindoe::pattern::Pattern;
 
@@ -726,4 +726,42 @@ fn too_large_dots_are_refused_by_the_nearest_pair() {
     let fits: f64 = rest.split(' ').next().unwrap().parse().unwrap();
     assert!(config(fits).validate(&pattern).is_ok(), "{error}");
     assert!(config(fits + 0.1).validate(&pattern).is_err(), "{error}");
+}
+
+/// EggBot's driver (`eggbot.py` of evil-mad/EggBot, `getDocProps` and `effect`) takes width and height as pixels, of 96 an inch where they
+/// are in millimeters, and scales the drawing by them over the view box: motor steps must come out as they are.
+#[test]
+fn an_eggbot_draws_steps_as_they_are() {
+    let plotter = PlotterConfig::default();
+    let drawing = plotter_drawing(&pattern(20), &config(40.0), &plotter).unwrap();
+    let svg = svg_text(&drawing).concat();
+    let head = svg.split('>').next().unwrap();
+    let attribute = |name: &str| {
+        let at = head.find(&format!(" {name}=\"")).unwrap() + name.len() + 3;
+        head[at..].split('"').next().unwrap().to_owned()
+    };
+    let pixels = |text: &str| match text.strip_suffix("mm") {
+        Some(mm) => mm.parse::<f64>().unwrap() * 96.0 / 25.4,
+        None => text.parse().unwrap(),
+    };
+    let (width, height) = (attribute("width"), attribute("height"));
+    assert_eq!((&*width, &*height), ("3200", "1600"));
+    let view: Vec<f64> = attribute("viewBox")
+        .split(' ')
+        .map(|n| n.parse().unwrap())
+        .collect();
+    assert_eq!(view[..2], [0.0, 0.0]);
+    assert_eq!(
+        [pixels(&width) / view[2], pixels(&height) / view[3]],
+        [1.0, 1.0]
+    );
+    // What is printed on paper keeps its millimeters.
+    let paper = stickers(&pattern(20), &config(40.0), &StickerConfig::default()).unwrap();
+    assert!(
+        svg_text(&paper)[0]
+            .split('>')
+            .next()
+            .unwrap()
+            .contains("mm\"")
+    );
 }

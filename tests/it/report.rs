@@ -135,6 +135,7 @@ fn calibration(dir: &Path) -> PathBuf {
     let trials = CalibrationEvaluationConfig {
         samples: 60,
         seed: 1,
+        stop: None,
     };
     let mut evaluated = evaluate_calibration(&found, &source, &config, &trials).unwrap();
     evaluated.report.command = Some("spindoe calibrate --table 'a <b>' clip".to_owned());
@@ -238,8 +239,8 @@ fn files_of_another_pattern_are_rejected() {
         error.contains("stencil.json") && error.contains("000000000000"),
         "{error}"
     );
-    let error = changed("\"format_version\": 5", "\"format_version\": 99");
-    assert!(error.contains("expected version 5, found 99"), "{error}");
+    let error = changed("\"format_version\": 6", "\"format_version\": 99");
+    assert!(error.contains("expected version 6, found 99"), "{error}");
     let error = changed("\"finalists\"", "\"finalist\"");
     assert!(
         error.contains("report.json") && error.contains("finalists"),

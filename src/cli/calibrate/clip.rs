@@ -96,10 +96,10 @@ fn estimated(
     let estimator = Estimator::for_ball(ball, config.estimator, arguments.images.detector()?)?;
     let batch = estimate_inputs(&estimator, &arguments.clip, settings, &())?;
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
-        errln!("spindoe: the times do not increase from frame to frame: they are not used");
+        errln!("note: the times do not increase from frame to frame: they are not used");
     }
     if let Some(problem) = batch.times.problem() {
-        errln!("spindoe: {problem}: give --fps");
+        errln!("note: {problem}: give --fps");
     }
     Ok(batch)
 }

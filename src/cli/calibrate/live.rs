@@ -11,7 +11,6 @@ use crate::calibrate::{CalibrationConfig, KnownDots, MissingSide, Survey, Unknow
 use crate::cli::images::ImageArguments;
 use crate::cli::pipe::Pipe;
 use crate::error::{Error, Result};
-use crate::image::DEFAULT_MAX_PIXELS;
 use crate::source::Frame;
 use crate::vision::Prior;
 
@@ -40,7 +39,7 @@ pub(super) fn read(
         &arguments.clip,
         arguments.raw,
         fps,
-        DEFAULT_MAX_PIXELS,
+        arguments.images.max_pixels,
     )?;
     let answer = "spindoe: no more frames are taken; once more ends at once";
     let stop = crate::cli::interrupt::stop_on_interrupt(answer)?;
@@ -95,7 +94,7 @@ fn filmed(
             // Ctrl-C ends the camera's command, too, and cuts its last frame.
             Err(_) if stop.load(Ordering::Relaxed) => break None,
             Err(problem) if clip.frames() > 0 => {
-                errln!("spindoe: {problem}: what was filmed until then is judged");
+                errln!("note: {problem}: what was filmed until then is judged");
                 break None;
             }
             Err(problem) => return Err(problem),

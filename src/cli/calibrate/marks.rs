@@ -69,7 +69,7 @@ pub(super) fn leave(folder: &Path, surface: &MarkedSurface) -> Result<PathBuf> {
     // The numbers of one are those of the other.
     let set = Replacement::begin(folder)?;
     write(set.path(), surface)?;
-    set.publish(&FILES, &[], PICTURE)?;
+    set.publish(&FILES, PICTURE)?;
     Ok(folder.join(PICTURE))
 }
 

@@ -15,7 +15,6 @@ use crate::calibrate::{CalibrationConfig, KnownDots};
 use crate::clip::batch::BatchConfig;
 use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
-use crate::image::DEFAULT_MAX_PIXELS;
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
 use crate::report::CHECKPOINT;
 use crate::report::calibration::{
@@ -105,7 +104,7 @@ pub struct Arguments {
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let images = &arguments.images;
-    images.settle_camera(&arguments.clip, arguments.raw, DEFAULT_MAX_PIXELS)?;
+    images.settle_camera(&arguments.clip, arguments.raw)?;
     let config = arguments.config()?;
     // Its pattern is not to stand beside another's stencil and search.
     let of_design = [CHECKPOINT, "stencil"];
@@ -133,6 +132,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let evaluation = CalibrationEvaluationConfig {
         samples: arguments.samples,
         seed: arguments.seed,
+        ..CalibrationEvaluationConfig::default()
     };
     let source = CalibrationSource {
         nominal: clip.ball.pattern(),
@@ -149,11 +149,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     // Marks of another ball are not to stand beside this one.
     let gone: Vec<&str> = FILES.iter().chain(&marks::FILES).copied().collect();
-    set.publish(&gone, &[], "report.json")?;
+    set.publish(&gone, "report.json")?;
     if clip.surface.is_some() && known == KnownDots::Nothing {
         // Print that looks like a dot is one to every test.
         errln!(
-            "spindoe: {} dots were found: compare that with the ball and with {}; where it differs name the dots \
+            "note: {} dots were found: compare that with the ball and with {}; where it differs name the dots \
              (--overwrite --marks)",
             clip.ball.pattern().len(),
             arguments.output.join(marks::PICTURE).display()
@@ -196,6 +196,7 @@ impl Arguments {
             circles,
             roi: self.images.roi()?,
             clock: self.images.clock()?,
+            max_pixels: self.images.max_pixels,
             ..BatchConfig::default()
         })
     }

@@ -10,7 +10,6 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::interrupt::{keeps, stop_on_interrupt};
-use super::memory::check_for_design;
 use super::output::{degrees_or_dash, quoted};
 use super::print_json;
 use crate::design::Shard;
@@ -45,7 +44,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let arguments = &settled.arguments;
     #[cfg_attr(not(feature = "vision"), expect(unused_mut))]
     let (job, mut start) = arguments.job()?;
-    check_for_design()?;
     let in_parts = arguments.shard.is_some() || arguments.shards.is_some();
     let stop = stop_on_interrupt(if in_parts { STOPPING_SHARD } else { STOPPING })?;
     let resume = arguments.resume_command(&job);
@@ -266,7 +264,7 @@ pub(super) fn print_words(found: &DesignEvaluation, seconds: f64) {
         );
     }
     for warning in too_few_dots(report) {
-        errln!("spindoe: {warning}");
+        errln!("note: {warning}");
     }
 }
 
@@ -284,7 +282,7 @@ fn too_few_dots(report: &DesignReport) -> Vec<String> {
     many.map(|v| {
         let view = v.protocol.view();
         format!(
-            "warning: {:.1} % of the `{}` views show fewer than {} dots with z above {:.2}, and are lost; what helps: \
+            "{:.1} % of the `{}` views show fewer than {} dots with z above {:.2}, and are lost; what helps: \
              more dots, dots farther apart (--config min_separation_deg=DEG), or a detector that sees them nearer to the limb",
             100.0 * v.skipped_share(),
             v.protocol,

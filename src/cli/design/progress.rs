@@ -212,7 +212,7 @@ impl JobObserver for DesignProgress<'_> {
         let done = self.position(share);
         self.line.begin(done);
         if let Some(warning) = self.warning.take() {
-            errln!("spindoe: {warning}");
+            errln!("note: {warning}");
         }
     }
 

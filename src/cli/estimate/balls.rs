@@ -83,7 +83,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let mut batch = estimate_ball_inputs(&estimator, images, &config, strobe.as_ref(), &pictures)?;
     pictures.counter.finish();
     if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.frame.name.as_str())) {
-        errln!("spindoe: {warning}");
+        errln!("note: {warning}");
     }
     if batch.is_disordered() && strobe.is_none() && !arguments.no_sequence {
         inputs::say_not_increasing();

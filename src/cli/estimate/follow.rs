@@ -61,7 +61,7 @@ pub(super) fn each_frame(
         &arguments.images,
         arguments.raw,
         arguments.source.fps,
-        arguments.max_pixels,
+        arguments.source.max_pixels,
     )?;
     let mut stdout = std::io::stdout().lock();
     let (mut followed, mut identified) = (0u64, 0u64);

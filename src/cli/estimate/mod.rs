@@ -32,7 +32,7 @@ use crate::clip::smears::SequenceSmears;
 use crate::error::{Error, Result, require};
 use crate::files;
 use crate::geometry::CameraFrame;
-use crate::image::{DEFAULT_MAX_PIXELS, RgbImage};
+use crate::image::RgbImage;
 use crate::source::pipe::PipeFormat;
 use crate::spin::estimate::MotionModel;
 use crate::spin::golf::{self, Flight};
@@ -43,11 +43,11 @@ use verdict::Judgment;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Images: PNG, JPEG, BMP, TIFF or PNM files of any depth, folders of them, or videos (through ffmpeg). They are
+Images: PNG, JPEG, BMP, TIFF, PNM, GIF or WebP files, folders of them, or videos (through ffmpeg, 4.2 or later). They are
 processed in the order of the numbers in their names. The ball may fill the image, or be a part of it.
 
-Times: a name that is a whole number is a time in nanoseconds; a video's frames carry their own times; --times
-or --fps override both. Where all frames have a time, the spin is estimated, and its prediction is a hint for
+Times: a name that is a whole number is a time in nanoseconds, unless the names step by less than 10000 in the median: such
+number the frames; a video's frames carry their own times; --times or --fps override both. Where all frames have a time, the spin is estimated, and its prediction is a hint for
 frames that cannot be estimated independently (--no-sequence turns this off).
 
 Orientations: CSV, frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence,camera_frame and the covariance;
@@ -102,9 +102,6 @@ pub struct Arguments {
     /// images are mirrored.
     #[arg(hide = true, long)]
     no_verdict: bool,
-    /// Maximum number of pixels of an image.
-    #[arg(hide = true, long, value_name = "N", default_value_t = DEFAULT_MAX_PIXELS)]
-    max_pixels: u64,
     /// Minimum probability of a reported orientation, 0 to 1.
     #[arg(
         long,
@@ -303,7 +300,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Err(Error::argument("table", problem));
     }
     let source = &arguments.source;
-    source.settle_camera(&arguments.images, arguments.raw, arguments.max_pixels)?;
+    source.settle_camera(&arguments.images, arguments.raw)?;
     if arguments.balls.is_some() || arguments.strobe_ms.is_some() {
         return balls::run(arguments);
     }
@@ -406,7 +403,7 @@ fn calibrate_in_place(
     let calibration = match found {
         Ok(calibration) => calibration,
         Err(rejection) => {
-            errln!("spindoe: not calibrated: {rejection}");
+            errln!("note: not calibrated: {rejection}");
             return Ok(estimator.clone());
         }
     };
@@ -535,7 +532,7 @@ impl Arguments {
             independent: self.no_sequence,
             readout_s: 1e-3 * self.readout_ms.unwrap_or(0.0),
             mirrored: self.mirrored,
-            max_pixels: self.max_pixels,
+            max_pixels: self.source.max_pixels,
             ..BatchConfig::default()
         };
         config.sequence.spin.max_rps = self.max_spin_rps();

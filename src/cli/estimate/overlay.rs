@@ -126,7 +126,7 @@ impl Target {
         match self {
             Self::Folder(set) => {
                 draw(set.path(), count, &frame)?;
-                set.publish(&[], &[], SHEET)
+                set.publish(&[], SHEET)
             }
             Self::Video(writer) => write_video(writer, times, count, &frame),
         }

@@ -61,7 +61,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     shown.counter.finish();
     inputs::say(&batch, &config)?;
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
-        errln!("spindoe: the times do not increase from frame to frame: no spin");
+        errln!("note: the times do not increase from frame to frame: no spin");
     }
     let kept = batch.frames.iter_mut();
     let frames: Vec<PaintedFrame> = kept.map(|f| std::mem::take(&mut f.kept)).collect();
@@ -104,7 +104,7 @@ fn say_small(frames: &[PaintedFrame]) {
     let diameter = crate::stats::median(&mut diameters);
     if diameter > 0.0 && diameter < SMALL_PX {
         errln!(
-            "spindoe: the ball is {diameter:.0} pixels wide: below {SMALL_PX:.0} its paint is followed less well, and lost sooner"
+            "note: the ball is {diameter:.0} pixels wide: below {SMALL_PX:.0} its paint is followed less well, and lost sooner"
         );
     }
 }

@@ -292,7 +292,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     } else {
         &[]
     };
-    set.publish(replaced, &[], "index.csv")?;
+    set.publish(replaced, "index.csv")?;
     let spin = sequence.map(|s| s.spin());
     let fps = clip.map(|c| c.fps);
     let seconds = clock.elapsed().as_secs_f64();

@@ -130,7 +130,7 @@ fn sweep(arguments: &Arguments, ball: &Ball, conditions: &CameraConditions) -> R
     if let Some(set) = set {
         let csv = sweep_csv(&points);
         files::write_bytes(&set.path().join("sensitivity.csv"), csv.as_bytes())?;
-        set.publish(&[], &[], "sensitivity.csv")?;
+        set.publish(&[], "sensitivity.csv")?;
     }
     if arguments.json {
         return print_json(&json!({ "conditions": conditions, "points": points }));

@@ -59,13 +59,13 @@ pub(super) fn run(arguments: &Arguments, balls: Vec<Ball>) -> Result<()> {
     )?;
     counter.finish();
     if let Some(set) = set {
-        let dir = set.path();
-        let mut json = serde_json::to_vec_pretty(&found)
+        let (dir, kept) = (set.path(), found.clone().untimed());
+        let mut json = serde_json::to_vec_pretty(&kept)
             .map_err(|e| crate::Error::Internal(format!("comparison as JSON: {e}")))?;
         json.push(b'\n');
         files::write_bytes(&dir.join("comparison.json"), &json)?;
-        found.write_page(dir, &entries, &arguments.command())?;
-        set.publish(&[], &[], "comparison.json")?;
+        kept.write_page(dir, &entries, &arguments.command())?;
+        set.publish(&[], "comparison.json")?;
     }
     if arguments.json {
         return print_json(&found);

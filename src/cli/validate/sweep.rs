@@ -36,7 +36,7 @@ pub(super) fn run(arguments: &Arguments, ball: &Ball) -> Result<()> {
             use crate::report::plots::{PictureFormat, sensitivity_plots};
             sensitivity_plots(set.path(), &points, &[PictureFormat::Png])?;
         }
-        set.publish(&[], &[], "sensitivity.csv")?;
+        set.publish(&[], "sensitivity.csv")?;
     }
     if arguments.json {
         return print_json(&serde_json::json!({ "points": points }));

@@ -318,7 +318,7 @@ impl Search<'_> {
         let samples = MILESTONE_VIEWS * config.samples;
         let answered = rate(config, best, config.progress_seed(), samples)?;
         state.milestones.push(Milestone {
-            elapsed_s: self.elapsed_s(),
+            elapsed_s: Some(self.elapsed_s()),
             rounds: state.round,
             answered,
         });

@@ -81,7 +81,6 @@ function dotWords(d, i) {
 }
 
 /** A time in words: seconds below two minutes. */
-const duration = (s) => (s < 120 ? `${fixed(s, 0)} s` : `${fixed(s / 60, 1)} minutes`);
 
 const neighbors = (d, i) =>
   d.dots
@@ -571,22 +570,21 @@ function searchSection(d) {
     "How it was found",
     `${s.starts} random starts${s.stopped ? "; stopped before its end" : ""}. Objective ${s.objective.name}: ${fixed(s.objective.value, 4)}.`,
   );
-  const minutes = (m) => m.elapsed_s / 60,
-    point = (m) => ({
-      x: minutes(m),
-      y: 1 - m.answered.rate,
-      low: 1 - m.answered.high,
-      high: 1 - m.answered.low,
-    });
+  const point = (m) => ({
+    x: m.rounds,
+    y: 1 - m.answered.rate,
+    low: 1 - m.answered.high,
+    high: 1 - m.answered.low,
+  });
   const charts = el("div", { class: "two" });
   if (s.milestones.length > 1) {
     const series = [
-      { name: "rounds of the search", color: "var(--c0)", points: s.milestones.map(point) },
+      { name: "best so far", color: "var(--c0)", points: s.milestones.map(point) },
     ];
     charts.append(
       curves({
         title: "The best so far",
-        x: { label: "time [min]" },
+        x: { label: "rounds of the search" },
         y: {
           label: `\u201c${s.protocol}\u201d views that fail`,
           format: percent,
@@ -600,7 +598,7 @@ function searchSection(d) {
   } else if (s.milestones.length)
     node.append(
       el("p", {
-        text: `After ${duration(s.milestones[0].elapsed_s)}, one round: ${interval(s.milestones[0].answered)} of ${s.milestones[0].answered.trials.toLocaleString("en")} \u201c${s.protocol}\u201d views answered right.`,
+        text: `After one round: ${interval(s.milestones[0].answered)} of ${s.milestones[0].answered.trials.toLocaleString("en")} \u201c${s.protocol}\u201d views answered right.`,
       }),
     );
   if (s.finalists.length)

@@ -190,7 +190,7 @@ impl DesignPage {
                 stopped: report.stopped,
                 protocol: report.config.views,
                 objective: report.objective,
-                milestones: report.timing.milestones,
+                milestones: report.milestones,
                 finalists: report
                     .finalists
                     .iter()

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use super::estimate::Timings;
 use super::outline::Outline;
+use crate::concurrency::StopFlag;
 use crate::image::Roi;
 use crate::recognize::Hint;
 use crate::vision::optics::camera::BallCircle;
@@ -85,6 +86,8 @@ pub struct Budget {
     pub spent: usize,
     /// The time from which on nothing further is begun.
     pub deadline: Option<Instant>,
+    /// What ends the search before: once it is set nothing further is begun.
+    pub stop: Option<StopFlag>,
     /// How images beyond 480 pixels are searched.
     pub search: SearchDepth,
 }
@@ -96,6 +99,7 @@ impl Default for Budget {
             runs: 32,
             spent: 0,
             deadline: None,
+            stop: None,
             search: SearchDepth::Thorough,
         }
     }
@@ -150,8 +154,9 @@ impl Spending {
         self.runs - self.budget.spent >= self.budget.runs || self.is_late()
     }
 
-    /// Whether the deadline has passed.
+    /// Whether the deadline has passed, or the flag is set.
     pub fn is_late(&self) -> bool {
-        self.budget.deadline.is_some_and(|d| Instant::now() >= d)
+        self.budget.stop.is_some_and(StopFlag::is_set)
+            || self.budget.deadline.is_some_and(|d| Instant::now() >= d)
     }
 }

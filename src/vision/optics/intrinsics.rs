@@ -459,6 +459,106 @@ mod tests {
         }
     }
 
+    /// COLMAP's camera models ("Camera Models", `models.h`): parameters in their order, pixels' centers at halves.
+    #[test]
+    fn each_model_of_colmap_is_read() {
+        for (row, focal, coefficients) in [
+            (
+                "SIMPLE_PINHOLE 640 480 650 321 240.75",
+                [650.0, 650.0],
+                None,
+            ),
+            ("PINHOLE 640 480 650 640 321 240.75", [650.0, 640.0], None),
+            (
+                "SIMPLE_RADIAL 640 480 650 321 240.75 -0.1",
+                [650.0; 2],
+                Some((false, vec![-0.1, 0.0, 0.0, 0.0])),
+            ),
+            (
+                "RADIAL 640 480 650 321 240.75 -0.1 0.02",
+                [650.0; 2],
+                Some((false, vec![-0.1, 0.02, 0.0, 0.0])),
+            ),
+            (
+                "SIMPLE_RADIAL_FISHEYE 640 480 650 321 240.75 -0.1",
+                [650.0; 2],
+                Some((true, vec![-0.1, 0.0, 0.0, 0.0])),
+            ),
+            (
+                "RADIAL_FISHEYE 640 480 650 321 240.75 -0.1 0.02",
+                [650.0; 2],
+                Some((true, vec![-0.1, 0.02, 0.0, 0.0])),
+            ),
+            (
+                "FULL_OPENCV 640 480 650 640 321 240.75 -0.1 0.02 0.001 0.002 0.003 0.01 0.02 0.03",
+                [650.0, 640.0],
+                Some((
+                    false,
+                    vec![-0.1, 0.02, 0.001, 0.002, 0.003, 0.01, 0.02, 0.03],
+                )),
+            ),
+        ] {
+            let read = calibration(&format!("3 {row}\n"), None).expect(row);
+            let lens = match coefficients {
+                None => Lens::polynomial(&[]),
+                Some((true, k)) => Lens::fisheye(&k),
+                Some((false, k)) => Lens::polynomial(&k),
+            };
+            let k = read.intrinsics;
+            assert_eq!(
+                [k.fx, k.fy, k.cx, k.cy],
+                [focal[0], focal[1], 320.5, 240.25],
+                "{row}"
+            );
+            assert_eq!(
+                (k.lens, read.size),
+                (lens.expect("a lens"), Some([640.0, 480.0])),
+                "{row}"
+            );
+        }
+        for row in [
+            "FOV 640 480 650 640 321 240.75 0.9",
+            "RADIAL 640 480 650 321 240.75 -0.1",
+        ] {
+            let refused = calibration(&format!("3 {row}\n"), None)
+                .expect_err(row)
+                .to_string();
+            assert!(
+                refused.contains("expected") && refused.len() < 200,
+                "{refused}"
+            );
+        }
+    }
+
+    /// Two cameras in one flat file, as people write them with NumPy's names, and as ORB-SLAM3 has them.
+    #[test]
+    fn both_cameras_of_a_flat_file_are_read() {
+        let k = "[650, 0, 320.5, 0, 640, 240.25, 0, 0, 1]";
+        let dist = "[-0.28, 0.09, 0.0012, -0.0001]";
+        let named =
+            format!("K_left: {k}\ndist_left: {dist}\nK_right: {k}\ndist_right: [0, 0, 0, 0]\n");
+        let orb = "%YAML:1.0\nCamera.type: \"PinHole\"\nCamera1.fx: 650\nCamera1.fy: 640\nCamera1.cx: 320.5\nCamera1.cy: 240.25\nCamera1.k1: \
+                   -0.28\nCamera1.k2: 0.09\nCamera1.p1: 0.0012\nCamera1.p2: -0.0001\nCamera2.fx: 651\nCamera2.fy: 640\nCamera2.cx: \
+                   320.5\nCamera2.cy: 240.25\nCamera.width: 640\nCamera.height: 480\n";
+        for text in [&*named, orb] {
+            let left = calibration(text, Some("left")).expect(text).intrinsics;
+            assert_eq!(
+                ([left.fx, left.fy, left.cx, left.cy], left.lens),
+                (EXPECTED, lens()),
+                "{text}"
+            );
+            assert_eq!(
+                calibration(text, Some("right")).expect(text).intrinsics.cx,
+                320.5
+            );
+            let refused = calibration(text, None).expect_err("two").to_string();
+            assert!(
+                refused.contains("found left, right: FILE:left names one"),
+                "{refused}"
+            );
+        }
+    }
+
     #[test]
     fn intrinsics_follow_the_size_of_the_images() {
         let text =

@@ -214,7 +214,7 @@ fn moves_that_a_kill_interrupts_are_ended() {
     alive.lock().unwrap();
     let set = spindoe::files::Replacement::begin(dir.path()).unwrap();
     fs::write(set.path().join("third"), "new").unwrap();
-    set.publish(&[], &[], "third").unwrap();
+    set.publish(&[], "third").unwrap();
     assert_eq!(
         names(dir.path()),
         [".spindoe-alive", "first", "second", "third"]

@@ -89,6 +89,7 @@ fn orientations_go_to_a_file_that_spin_reads() {
         frames.push(observed::ObservedFrame {
             name: format!("{}", 1_000_000_000 + 2_000_000 * index),
             time_s: None,
+            is_numbered: false,
             dots: trial.dots.clone(),
         });
     }
@@ -374,4 +375,68 @@ fn a_file_in_which_nothing_is_identified_exits_with_3() {
     );
     let rows = fs::read_to_string(dir.path().join("o.csv")).unwrap();
     assert_eq!(rows.lines().count(), 3, "{rows}");
+}
+
+/// Whole numbers are nanoseconds where they step by 10 000 or more in the median; else they number the frames, from a pipe too.
+#[test]
+fn names_that_number_the_frames_are_no_times() {
+    let dir = workshop();
+    dumped(dir.path(), "paper", "12", "3");
+    let text = fs::read_to_string(dir.path().join("dots.csv")).unwrap();
+    let mut lines = text.lines();
+    let header = lines.next().unwrap();
+    let rows: Vec<(&str, &str)> = lines.map(|line| line.split_once(',').unwrap()).collect();
+    let named = |step: u64, first: u64| {
+        let (mut names, mut last) = (Vec::new(), "");
+        for (name, _) in &rows {
+            if *name != last {
+                names.push(*name);
+            }
+            last = name;
+        }
+        let number = |name: &str| names.iter().position(|n| *n == name).unwrap() as u64;
+        let row = |(name, rest): &(&str, &str)| format!("{},{rest}\n", first + step * number(name));
+        format!("{header}\n{}", rows.iter().map(row).collect::<String>())
+    };
+    for (step, first, timed) in [
+        (1, 0, false),
+        (9_999, 70, false),
+        (10_001, 0, true),
+        (2_600_000, 5, true),
+    ] {
+        fs::write(dir.path().join("named.csv"), named(step, first)).unwrap();
+        let arguments = [
+            "identify",
+            "--table",
+            "table.npz",
+            "named.csv",
+            "--no-learning",
+            "--min-confidence",
+            "0",
+        ];
+        let output = spindoe(dir.path(), &arguments);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        let csv = String::from_utf8(output.stdout).unwrap();
+        for (k, row) in csv.lines().skip(1).enumerate() {
+            let time = row.split(',').nth(1).unwrap();
+            match timed {
+                true => {
+                    let expected = 1e-9 * (first + step * k as u64) as f64;
+                    assert!(
+                        (time.parse::<f64>().unwrap() - expected).abs() < 1e-12,
+                        "{row}"
+                    );
+                }
+                false => assert_eq!(time, "", "{step}: {row}"),
+            }
+        }
+        assert_eq!(
+            said.contains("the names are frame numbers"),
+            !timed,
+            "{said}"
+        );
+        fs::write(dir.path().join("o.csv"), &csv).unwrap();
+        let said = String::from_utf8(spindoe(dir.path(), &["spin", "o.csv"]).stderr).unwrap();
+        assert!(timed || said.contains("--fps"), "{said}");
+    }
 }

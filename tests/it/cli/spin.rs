@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use crate::common::{done, spindoe};
 use spindoe::geometry::{Rotation, Vec3};
 use spindoe::spin::Measurement;
 use spindoe::spin::orientations::Orientations;
@@ -559,5 +560,39 @@ fn a_slow_ball_before_a_slow_camera_is_slow() {
     assert_eq!(listed.len(), 4, "{listed:?}");
     for (found, expected) in listed.iter().zip([19.4, 20.6, 39.4, 40.6]) {
         assert!((found - expected).abs() < 0.01, "{listed:?}");
+    }
+}
+
+/// Another file of ours is called by what it is.
+#[test]
+fn a_file_that_holds_no_orientations_is_called_what_it_is() {
+    let dir = tempfile::tempdir().unwrap();
+    done(dir.path(), &["synth", "dots12", "-o", "s", "--frames", "2"]);
+    done(
+        dir.path(),
+        &[
+            "synth", "dots12", "-o", "dots.csv", "--as", "dots", "--frames", "2",
+        ],
+    );
+    for (file, what) in [
+        (
+            "s/truth.json",
+            "the truth of a synthetic clip: its orientations.csv stands beside it",
+        ),
+        ("s/table.npz", "a NumPy archive, such as a table"),
+        ("s/pattern.csv", "a pattern's dots"),
+        (
+            "dots.csv",
+            "observed dots: `identify` makes orientations of them",
+        ),
+        ("s/contact_sheet.png", "an image"),
+    ] {
+        let output = spindoe(dir.path(), &["spin", file]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(
+            said.contains(what) && said.len() < 200 && said.lines().count() == 1,
+            "{said}"
+        );
     }
 }

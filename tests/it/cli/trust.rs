@@ -254,9 +254,10 @@ fn a_folder_holds_one_result_at_a_time() {
         name.starts_with(".spindoe-")
     });
     assert_eq!(strays.count(), 0);
-    // What another pattern left behind goes when this search saves its own.
+    // What another pattern left behind goes when the results of this search come.
     fs::write(out.join("pattern.csv"), "1,0,0\n").unwrap();
     fs::write(out.join("stencil/of_another.stl"), "").unwrap();
+    fs::write(out.join("added.png"), "").unwrap();
     done(
         dir.path(),
         &[
@@ -267,6 +268,7 @@ fn a_folder_holds_one_result_at_a_time() {
     );
     assert!(whole.iter().all(|name| out.join(name).exists()));
     assert!(!out.join("stencil/of_another.stl").exists());
+    assert!(!out.join("added.png").exists());
 }
 
 #[test]
@@ -315,7 +317,15 @@ fn a_request_to_end_finishes_with_the_best_so_far() {
             .spawn()
             .unwrap();
         let begun = Instant::now();
-        while !dir.path().join("d/pattern.csv").exists() {
+        let has_pattern = || {
+            let state = fs::read(dir.path().join("d/search.json")).ok();
+            let state: Value =
+                serde_json::from_slice(&state.unwrap_or_default()).unwrap_or_default();
+            state["state"]["pool"]
+                .as_array()
+                .is_some_and(|all| !all.is_empty())
+        };
+        while !has_pattern() {
             assert!(begun.elapsed() < Duration::from_secs(120), "no pattern yet");
             std::thread::sleep(Duration::from_millis(50));
         }

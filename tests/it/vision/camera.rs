@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 use spindoe::geometry::{Vec3, random_direction_above, tangent_frame};
 use spindoe::recognize::DotUncertainty;
 use spindoe::synth::view::View;
-use spindoe::vision::{BallCircle, BallView, Camera, Intrinsics, Pixel};
+use spindoe::vision::{BallCircle, BallView, Calibration, Camera, Intrinsics, Lens, Pixel};
 
 const CIRCLE: BallCircle = BallCircle::new(Pixel { u: 31.0, v: 29.5 }, 28.0);
 const PINHOLE: Camera = Camera::Perspective(Intrinsics::pinhole(320.0, 320.0, -80.0, 150.0));
@@ -185,5 +185,38 @@ fn the_covariance_is_that_of_many_noisy_pixels() {
             let error = (sum - told).norm() / told.norm();
             assert!(error < 0.06, "{direction:?}: {error}");
         }
+    }
+}
+
+/// Files that NumPy wrote (2.4, `savez` and `savez_compressed`) of what `cv2.calibrateCamera` and `cv2.fisheye.calibrate` return.
+#[test]
+fn archives_of_numpy_are_read() {
+    let data = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/vision/data");
+    let read = |name: &str| Calibration::read(&data.join(name)).expect(name);
+    for (name, lens, size) in [
+        (
+            "numpy.npz",
+            Lens::polynomial(&[-0.28, 0.09, 0.0012, -0.0001, 0.0]),
+            None,
+        ),
+        (
+            "numpy_fisheye.npz",
+            Lens::fisheye(&[-0.02, 0.01, -0.003, 0.001]),
+            Some([640.0, 480.0]),
+        ),
+    ] {
+        let found = read(name);
+        let k = found.intrinsics;
+        assert_eq!(
+            [k.fx, k.fy, k.cx, k.cy],
+            [650.0, 640.0, 320.5, 240.25],
+            "{name}"
+        );
+        assert_eq!(
+            (k.lens, found.size),
+            (lens.expect("a lens"), size),
+            "{name}"
+        );
+        assert!(found.notes.is_empty(), "{:?}", found.notes);
     }
 }

@@ -293,7 +293,7 @@ fn slow_motion_and_uneven_frames_keep_their_times() {
 
 /// A TIFF file of gray pages of 4 x 3 pixels, the values of each page one more than those of the page before; the second page is a
 /// reduced copy where `copy` says so.
-fn tiff_stack(pages: u32, is_little: bool, copy: bool) -> Vec<u8> {
+pub(crate) fn tiff_stack(pages: u32, is_little: bool, copy: bool) -> Vec<u8> {
     let two = |n: u16| {
         if is_little {
             n.to_le_bytes()
@@ -399,7 +399,43 @@ fn an_animation_is_no_picture() {
     let refused = Picture::decode(&path, &bytes, DEFAULT_MAX_PIXELS)
         .unwrap_err()
         .to_string();
-    assert!(refused.contains("animation of 24"), "{refused}");
+    assert!(refused.contains("an animation"), "{refused}");
+}
+
+/// Files that Pillow wrote (13.0): pictures of 6 x 4 pixels, 200 everywhere but at column 2 of row 1, which has 40, 80 and 120 in turn.
+#[test]
+fn all_pictures_of_an_animation_are_frames() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/vision/data");
+    for (name, values) in [
+        ("three.gif", &[40.0, 80.0, 120.0][..]),
+        ("three.webp", &[40.0, 80.0, 120.0]),
+        ("three.png", &[40.0, 80.0, 120.0]),
+        ("still.gif", &[80.0]),
+        ("still.webp", &[80.0]),
+    ] {
+        let path = data.join(name);
+        let sources = sources(std::slice::from_ref(&path)).unwrap();
+        let mut source = open(&sources[0], DEFAULT_MAX_PIXELS).unwrap();
+        let frames: Vec<_> = source.frames().map(|frame| frame.unwrap()).collect();
+        assert_eq!(frames.len(), values.len(), "{name}");
+        for (frame, value) in frames.iter().zip(values) {
+            assert_eq!(frame.time_s, None);
+            let picture = frame.picture.as_ref().unwrap();
+            let gray = picture.to_rgb().unwrap().to_gray();
+            assert_eq!((gray.width(), gray.height()), (6, 4), "{name}");
+            for (at, expected) in [((2, 1), *value), ((0, 0), 200.0), ((5, 3), 200.0)] {
+                let found = 255.0 * gray.at(at.0, at.1);
+                assert!((found - expected).abs() < 0.01, "{name}: {found} at {at:?}");
+            }
+        }
+        let mut small = open(&sources[0], 23).unwrap();
+        let refused = small.frames().next().unwrap().unwrap().picture;
+        let refused = refused.unwrap_err().to_string();
+        assert!(
+            refused.contains("at most 23 pixels, found 6 x 4"),
+            "{refused}"
+        );
+    }
 }
 
 #[test]
@@ -411,4 +447,35 @@ fn hidden_files_are_no_frames() {
     let listed = spindoe::source::files::list_sources(&[dir.path().to_path_buf()]).unwrap();
     assert_eq!(listed.sources, [Source::Image(dir.path().join("1.png"))]);
     assert_eq!(listed.skipped[0].names, ["notes.txt"]);
+}
+
+/// What `rpicam-vid --save-pts` writes: milliseconds, in the order of the frames.
+#[test]
+fn times_in_the_frames_order_are_read() {
+    use spindoe::clip::FrameClock;
+    use spindoe::clip::frame_table::read_clock;
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("pts.txt");
+    let read = |text: &str| {
+        std::fs::write(&path, text).unwrap();
+        read_clock(&path)
+    };
+    match read("# timecode format v2\n0.000\n8.333\n16.667\n").unwrap() {
+        FrameClock::Ordered(_, times) => {
+            assert_eq!(times.len(), 3);
+            assert!((times[2] - 0.016667).abs() < 1e-12);
+        }
+        other => panic!("{other:?}"),
+    }
+    let refused = read("# timecode format v2\n0.000\nx\n")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        refused.contains("line 3: expected milliseconds, found \"x\""),
+        "{refused}"
+    );
+    assert!(matches!(
+        read("frame,time_s\na,1\n"),
+        Ok(FrameClock::Table(_))
+    ));
 }

@@ -8,7 +8,7 @@ mod circle;
 mod damage;
 mod detector;
 mod estimate;
-mod input;
+pub(crate) mod input;
 mod noise;
 mod off_axis;
 mod outline;

@@ -514,7 +514,7 @@ fn neighbors_know_where_the_ball_is() {
         sigma_px: 4.0,
         ..OutlinePrior::given(elsewhere)
     });
-    let again = estimator.estimate_again(image, &wrong, &frames[3], &mut ws);
+    let again = estimator.estimate_again(image, &wrong, &frames[3], None, &mut ws);
     assert!(again.is_none(), "{again:?}");
     // Nor is a given outline looked for elsewhere.
     frames[6].outcome = FrameEstimate::default().outcome;

@@ -187,6 +187,7 @@ impl Files {
             frames.push(ObservedFrame {
                 name: index.to_string(),
                 time_s: None,
+                is_numbered: false,
                 dots: trial.dots.clone(),
             });
             truths.push(shows_ball.then_some(trial));

@@ -98,6 +98,7 @@ fn learned(pattern: &Pattern, file: &[Trial], order: LearningOrder) -> Result<Ve
     let frames = file.iter().enumerate().map(|(k, trial)| ObservedFrame {
         name: k.to_string(),
         time_s: None,
+        is_numbered: false,
         dots: trial.dots.clone(),
     });
     let found = answers(&Ball::new(pattern.clone()), frames.collect(), order)?;

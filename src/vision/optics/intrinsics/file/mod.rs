@@ -6,10 +6,20 @@
 //!
 //! Of a file with several cameras one is named behind a colon, as in `stereo.yml:left` or `camchain.yaml:cam0`.
 
+mod colmap;
+mod keys;
+mod rig;
+
 use std::path::{Path, PathBuf};
 
 use nalgebra::Matrix3;
 
+use self::colmap::of_colmap;
+use self::keys::{
+    COEFFICIENTS, DISTORTION, FOCAL, HARMLESS, MATRIX, MODEL, OF_LENS, OTHER_MODELS, PARAMETERS,
+    SIDES, SIZES, bare,
+};
+use self::rig::cameras;
 use super::tree::{Value, of_xml, of_yaml, plain};
 use super::{Intrinsics, Lens};
 use crate::error::{Error, Result};
@@ -22,181 +32,6 @@ const MAX_BYTES: u64 = 1 << 20;
 const MAX_NAMED: usize = 5;
 /// Width and height of an image, pixels, at most.
 const MAX_SIDE: f64 = 1e6;
-
-/// The keys of the matrix: OpenCV's samples, ROS, NumPy's users, stereo rigs.
-const MATRIX: [&str; 12] = [
-    "cameramatrix",
-    "k",
-    "mtx",
-    "intrinsicmatrix",
-    "cameraintrinsics",
-    "intrinsics",
-    "intrinsic",
-    "kmatrix",
-    "kk",
-    "matrix",
-    "cammatrix",
-    "m",
-];
-/// Those of the distortion.
-const DISTORTION: [&str; 17] = [
-    "distortioncoefficients",
-    "distortioncoeffs",
-    "distortioncoeff",
-    "distortioncoefs",
-    "distortioncoef",
-    "distortioncoefficient",
-    "distcoeffs",
-    "distcoeff",
-    "distcoefs",
-    "distcoef",
-    "distcoefficients",
-    "dist",
-    "d",
-    "kc",
-    "distortion",
-    "distortionparameters",
-    "distortionvector",
-];
-/// Those of the focal lengths and the principal point, in the order of a file's four numbers.
-const FOCAL: [&[&str]; 4] = [
-    &["fx", "mu"],
-    &["fy", "mv"],
-    &["cx", "u0", "ppx"],
-    &["cy", "v0", "ppy"],
-];
-/// Mappings that hold them, or the coefficients, one by one.
-const PARAMETERS: [&str; 3] = ["projectionparameters", "intrinsics", "distortionparameters"];
-/// Coefficients one by one, in OpenCV's order.
-const COEFFICIENTS: [&str; 12] = [
-    "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4",
-];
-/// The keys under which a file names its model.
-const MODEL: [&str; 9] = [
-    "distortionmodel",
-    "cameramodel",
-    "model",
-    "fisheyemodel",
-    "fisheye",
-    "modeltype",
-    "type",
-    "distmodel",
-    "cameratype",
-];
-/// Images: a width and a height, or both in one.
-const SIDES: [[&[&str]; 2]; 2] = [
-    [
-        &["imagewidth", "width", "imgwidth", "w"],
-        &["imageheight", "height", "imgheight", "h"],
-    ],
-    [&["newwidth"], &["newheight"]],
-];
-const SIZES: [&str; 5] = ["resolution", "imagesize", "imgsize", "imgshape", "shape"];
-/// Keys that change nothing of where a point is seen.
-const HARMLESS: &[&str] = &[
-    "imagewidth",
-    "imageheight",
-    "newwidth",
-    "newheight",
-    "binningx",
-    "binningy",
-    "roi",
-    "cameraname",
-    "name",
-    "rectificationmatrix",
-    "projectionmatrix",
-    "r",
-    "p",
-    "calibrationtime",
-    "nframes",
-    "nrofframes",
-    "boardwidth",
-    "boardheight",
-    "boardsize",
-    "squaresize",
-    "markersize",
-    "flags",
-    "flagvalue",
-    "avgreprojectionerror",
-    "reprojectionerror",
-    "rms",
-    "error",
-    "errors",
-    "perviewreprojectionerrors",
-    "extrinsicparameters",
-    "imagepoints",
-    "gridpoints",
-    "fixaspectratio",
-    "aspectratio",
-    "header",
-    "camoverlaps",
-    "rostopic",
-    "timeshiftcamimu",
-    "tcnimu",
-    "tcncnm1",
-    "tbs",
-    "sensortype",
-    "comment",
-    "ratehz",
-    "fps",
-    "rgb",
-    "ret",
-    "rvecs",
-    "tvecs",
-    "rotation",
-    "translation",
-    "t",
-    "e",
-    "f",
-    "q",
-    "r1",
-    "r2",
-    "date",
-    "cameraid",
-    "id",
-    "seed",
-    "frameid",
-    "serial",
-    "serialnumber",
-    "bf",
-    "thdepth",
-    "lefttorightbaseline",
-    "fixprincipalpoint",
-    "zerotangentdist",
-    "calibrationflags",
-    "newcameramatrix",
-    "optimalcameramatrix",
-];
-
-/// What the keys of a lens have in their names: beside a distortion that is found, only such are named.
-const OF_LENS: [&str; 11] = [
-    "dist",
-    "coef",
-    "lens",
-    "skew",
-    "fov",
-    "model",
-    "radial",
-    "tangential",
-    "fish",
-    "mirror",
-    "xi",
-];
-/// Models that are none of [`Lens`]'.
-const OTHER_MODELS: [&str; 12] = [
-    "fov",
-    "omni",
-    "omnidirectional",
-    "mei",
-    "ds",
-    "doublesphere",
-    "eucm",
-    "ucm",
-    "ftheta",
-    "scaramuzza",
-    "division",
-    "unified",
-];
 
 /// The part of the sensor that a camera sends, as `sensor_msgs/CameraInfo` has it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -682,90 +517,6 @@ impl Intrinsics {
     }
 }
 
-/// A key as [`plain`] has it, without the `Camera.` that ORB-SLAM puts before each.
-fn bare(key: &str) -> String {
-    let key = key.strip_prefix("Camera.").unwrap_or(key);
-    plain(key)
-}
-
-/// Whether a mapping describes a camera.
-fn is_camera(value: &Value) -> bool {
-    let is_matrix = |(key, value): &(String, Value)| {
-        let numbers = || value.numbers().map_or(0, |n| n.len());
-        MATRIX.contains(&bare(key).as_str()) && matches!(numbers(), 4 | 9)
-    };
-    let has_focal = |entries: &[(String, Value)]| {
-        entries
-            .iter()
-            .any(|(key, _)| FOCAL[0].contains(&bare(key).as_str()))
-    };
-    let mut groups = value
-        .entries()
-        .iter()
-        .filter(|(key, _)| PARAMETERS.contains(&bare(key).as_str()));
-    value.entries().iter().any(is_matrix)
-        || has_focal(value.entries())
-        || groups.any(|(_, group)| has_focal(group.entries()))
-}
-
-/// The cameras of a file, with their names; that of a file of one is empty.
-fn cameras(tree: &Value) -> Vec<(String, Value)> {
-    if is_camera(tree) {
-        return vec![(String::new(), tree.clone())];
-    }
-    let rig = of_rig(tree);
-    if !rig.is_empty() {
-        return rig;
-    }
-    let own = tree.entries().iter().filter(|(_, value)| is_camera(value));
-    own.map(|(key, value)| (key.clone(), value.clone()))
-        .collect()
-}
-
-/// The cameras of a flat file of two: `M1, D1, M2, D2`, `K_left, dist_left`, `Camera1.fx`.
-fn of_rig(tree: &Value) -> Vec<(String, Value)> {
-    let sides = [("left", ["1", "left", "l"]), ("right", ["2", "right", "r"])];
-    let cameras = sides.into_iter().filter_map(|(name, marks)| {
-        let own = |key: &str| -> Option<String> {
-            let key = plain(
-                key.strip_prefix("Camera1.")
-                    .filter(|_| name == "left")
-                    .or_else(|| key.strip_prefix("Camera2.").filter(|_| name == "right"))
-                    .unwrap_or(key),
-            );
-            let of_mark = |mark: &&str| {
-                let rest = key
-                    .strip_suffix(*mark)
-                    .or_else(|| key.strip_prefix(*mark))?;
-                let is_known = MATRIX.contains(&rest) || DISTORTION.contains(&rest);
-                is_known.then(|| rest.to_owned())
-            };
-            marks.iter().find_map(of_mark)
-        };
-        let prefix = if name == "left" {
-            "Camera1."
-        } else {
-            "Camera2."
-        };
-        let entries = tree.entries().iter().filter_map(|(key, value)| {
-            let flat = key.strip_prefix(prefix).map(str::to_owned);
-            let shared = || {
-                (SIZES.contains(&plain(key).as_str())
-                    || SIDES
-                        .iter()
-                        .flatten()
-                        .any(|n| n.contains(&bare(key).as_str()))
-                    || MODEL.contains(&bare(key).as_str()))
-                .then(|| key.clone())
-            };
-            Some((flat.or_else(|| own(key)).or_else(shared)?, value.clone()))
-        });
-        let camera = Value::Map(entries.collect());
-        is_camera(&camera).then(|| (name.to_owned(), camera))
-    });
-    cameras.collect()
-}
-
 /// The keys of a camera that are not understood, as they are written.
 fn unread(camera: &Value, used: &[String]) -> Vec<String> {
     let is_known = |key: &str| used.contains(&key.to_owned()) || HARMLESS.contains(&key);
@@ -788,85 +539,6 @@ fn listed(keys: &[String]) -> String {
             .collect::<Vec<_>>()
             .join(", ")
     )
-}
-
-/// The cameras of COLMAP's `cameras.txt`, each under its number: `ID MODEL WIDTH HEIGHT PARAMETERS`, whose pixels' centers lie at halves;
-/// `None` for another file.
-fn of_colmap(text: &str) -> Option<std::result::Result<Value, String>> {
-    let lines = text
-        .lines()
-        .map(str::trim)
-        .filter(|line| !line.is_empty() && !line.starts_with('#'));
-    let rows: Vec<Vec<&str>> = lines
-        .map(|line| line.split_whitespace().collect())
-        .collect();
-    let is_row = |row: &Vec<&str>| {
-        row.len() > 4
-            && row[0].bytes().all(|b| b.is_ascii_digit())
-            && row[1].bytes().all(|b| b.is_ascii_uppercase() || b == b'_')
-            && row[2..].iter().all(|n| n.parse::<f64>().is_ok())
-    };
-    if rows.is_empty() || !rows.iter().all(is_row) {
-        return None;
-    }
-    let cameras = rows
-        .iter()
-        .map(|row| colmap_camera(row).map(|camera| (row[0].to_owned(), camera)));
-    Some(
-        cameras
-            .collect::<std::result::Result<Vec<_>, _>>()
-            .map(Value::Map),
-    )
-}
-
-fn colmap_camera(row: &[&str]) -> std::result::Result<Value, String> {
-    // Where the four numbers stand among the parameters, and where OpenCV's coefficients do.
-    let (focal, lens): ([usize; 4], &[usize]) = match row[1] {
-        "SIMPLE_PINHOLE" => ([0, 0, 1, 2], &[]),
-        "PINHOLE" => ([0, 1, 2, 3], &[]),
-        "SIMPLE_RADIAL" | "SIMPLE_RADIAL_FISHEYE" => ([0, 0, 1, 2], &[3]),
-        "RADIAL" | "RADIAL_FISHEYE" => ([0, 0, 1, 2], &[3, 4]),
-        "OPENCV" | "OPENCV_FISHEYE" => ([0, 1, 2, 3], &[4, 5, 6, 7]),
-        "FULL_OPENCV" => ([0, 1, 2, 3], &[4, 5, 6, 7, 8, 9, 10, 11]),
-        other => {
-            return Err(format!(
-                "expected a PINHOLE, RADIAL or OPENCV camera, found {other}"
-            ));
-        }
-    };
-    let parameters = &row[4..];
-    let expected = focal.iter().chain(lens).max().map_or(0, |last| last + 1);
-    if parameters.len() != expected {
-        return Err(format!(
-            "expected {expected} parameters of {}, found {}",
-            row[1],
-            parameters.len()
-        ));
-    }
-    let number = |k: usize| parameters[k].parse::<f64>().unwrap_or(f64::NAN);
-    let text = |x: f64| Value::Text(x.to_string());
-    let is_fisheye = row[1].ends_with("FISHEYE");
-    let mut coefficients: Vec<f64> = lens.iter().map(|k| number(*k)).collect();
-    if is_fisheye || !coefficients.is_empty() {
-        coefficients.resize(coefficients.len().max(4), 0.0);
-    }
-    let [fx, fy, cx, cy] = focal.map(number);
-    Ok(Value::Map(vec![
-        (
-            "intrinsics".to_owned(),
-            Value::List([fx, fy, cx - 0.5, cy - 0.5].map(text).to_vec()),
-        ),
-        (
-            "distortion".to_owned(),
-            Value::List(coefficients.into_iter().map(text).collect()),
-        ),
-        (
-            "model".to_owned(),
-            Value::Text(if is_fisheye { "fisheye" } else { "opencv" }.to_owned()),
-        ),
-        ("width".to_owned(), Value::Text(row[2].to_owned())),
-        ("height".to_owned(), Value::Text(row[3].to_owned())),
-    ]))
 }
 
 /// The matrices and vectors of a NumPy archive.

@@ -1,0 +1,151 @@
+//! Files that hold several pictures, shown one after another: animated GIF, PNG and WebP files.
+//!
+//! Each picture comes whole, as it is shown. How long it is shown is for the eye, in hundredths of a second, and no time stamp.
+
+use std::io::Cursor;
+use std::path::Path;
+use std::sync::mpsc::{Receiver, sync_channel};
+
+use image::codecs::gif::GifDecoder;
+use image::codecs::png::PngDecoder;
+use image::codecs::webp::WebPDecoder;
+use image::{AnimationDecoder as _, DynamicImage, Frames, ImageDecoder, ImageFormat, ImageResult};
+
+use super::Picture;
+use super::picture::{broken, check_pixels};
+use crate::error::{Error, Result};
+
+/// Bytes of a file's start that say whether it is an animation; of a GIF file all are needed.
+pub(crate) const START: u64 = 1 << 16;
+
+/// Whether a file that begins so may be an animation: of a GIF file only all of it says ([`is_animation`]).
+pub(crate) fn may_be(start: &[u8]) -> bool {
+    start.starts_with(b"GIF8") || is_animation(start)
+}
+
+/// Whether a file holds several pictures: its bytes, or of a PNG or a WebP file those at its start.
+pub(crate) fn is_animation(bytes: &[u8]) -> bool {
+    is_png(bytes).unwrap_or(false) || is_webp(bytes) || is_gif(bytes).unwrap_or(false)
+}
+
+/// The chunk `acTL` before the picture says how many there are (W3C, "PNG Specification, Third Edition", 11.3.6.1).
+fn is_png(bytes: &[u8]) -> Option<bool> {
+    let mut rest = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n")?;
+    loop {
+        let (length, after) = rest.split_first_chunk()?;
+        let (kind, after) = after.split_first_chunk::<4>()?;
+        match kind {
+            b"acTL" => return Some(u32::from_be_bytes(*after.first_chunk()?) > 1),
+            b"IDAT" => return Some(false),
+            // And its checksum.
+            _ => rest = after.get((u32::from_be_bytes(*length) as usize).checked_add(4)?..)?,
+        }
+    }
+}
+
+/// A bit of the chunk `VP8X` says so (RFC 9649, 2.7).
+fn is_webp(bytes: &[u8]) -> bool {
+    let is_extended = bytes.starts_with(b"RIFF") && bytes.get(8..16) == Some(b"WEBPVP8X");
+    is_extended && bytes.get(20).is_some_and(|flags| flags & 2 != 0)
+}
+
+/// Two image descriptors among the blocks (CompuServe, "GIF89a", appendix A).
+fn is_gif(bytes: &[u8]) -> Option<bool> {
+    let colors = |flags: u8| match flags & 0x80 {
+        0 => 0,
+        _ => 3 << ((flags & 7) + 1),
+    };
+    // Data in blocks of up to 255 bytes, each with its length before it; an empty one ends them.
+    let after_blocks = |mut at: usize| {
+        loop {
+            match *bytes.get(at)? {
+                0 => return Some(at + 1),
+                length => at += 1 + usize::from(length),
+            }
+        }
+    };
+    if !bytes.starts_with(b"GIF8") {
+        return None;
+    }
+    let mut at = 13 + colors(*bytes.get(10)?);
+    let mut pictures = 0;
+    while pictures < 2 {
+        at = match *bytes.get(at)? {
+            0x2c => {
+                pictures += 1;
+                after_blocks(at + 11 + colors(*bytes.get(at + 9)?))?
+            }
+            0x21 => after_blocks(at + 2)?,
+            _ => break,
+        };
+    }
+    Some(pictures > 1)
+}
+
+/// The pictures of an animation, one by one: a thread of its own decodes them, which may not change threads meanwhile, one in advance.
+pub(crate) struct Animation(Receiver<Result<Picture>>);
+
+impl Animation {
+    /// Begins with a file's bytes; `path` is for messages. Pictures of more than `max_pixels` pixels are errors.
+    ///
+    /// # Errors
+    /// [`Error::Read`] where the system grants no thread.
+    pub fn new(path: &Path, bytes: Vec<u8>, max_pixels: u64) -> Result<Self> {
+        let (sender, pictures) = sync_channel(1);
+        let path = path.to_path_buf();
+        let named = path.clone();
+        let decode = move || {
+            let decoded = |frame: ImageResult<image::Frame>| {
+                let frame = frame.map_err(|e| broken(&path, &e))?;
+                Picture::of_decoded(&path, DynamicImage::ImageRgba8(frame.into_buffer()))
+            };
+            match frames(&path, bytes, max_pixels) {
+                // Who reads may have had enough.
+                Err(error) => drop(sender.send(Err(error))),
+                Ok(mut all) => {
+                    let _ = all.try_for_each(|frame| {
+                        let picture = decoded(frame);
+                        let is_broken = picture.is_err();
+                        sender.send(picture).ok().filter(|()| !is_broken)
+                    });
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().spawn(decode);
+        thread.map_err(|e| Error::read(&named, e))?;
+        Ok(Self(pictures))
+    }
+
+    /// The next picture; `None` at the end.
+    pub fn next_picture(&mut self) -> Option<Result<Picture>> {
+        self.0.recv().ok()
+    }
+}
+
+fn frames(path: &Path, bytes: Vec<u8>, max_pixels: u64) -> Result<Frames<'static>> {
+    let format = image::guess_format(&bytes).map_err(|e| broken(path, &e))?;
+    let bytes = Cursor::new(bytes);
+    match format {
+        ImageFormat::Gif => of(path, GifDecoder::new(bytes), max_pixels, |d| {
+            Ok(d.into_frames())
+        }),
+        ImageFormat::Png => of(path, PngDecoder::new(bytes), max_pixels, |d| {
+            Ok(d.apng()?.into_frames())
+        }),
+        ImageFormat::WebP => of(path, WebPDecoder::new(bytes), max_pixels, |d| {
+            Ok(d.into_frames())
+        }),
+        _ => Err(Error::input(path, "image", "expected an animation")),
+    }
+}
+
+fn of<D: ImageDecoder>(
+    path: &Path,
+    decoder: ImageResult<D>,
+    max_pixels: u64,
+    frames: impl FnOnce(D) -> ImageResult<Frames<'static>>,
+) -> Result<Frames<'static>> {
+    let decoder = decoder.map_err(|e| broken(path, &e))?;
+    check_pixels(path, decoder.dimensions(), max_pixels)?;
+    frames(decoder).map_err(|e| broken(path, &e))
+}

@@ -1,0 +1,82 @@
+//! Files of several cameras: each under its name, or the two of a stereo rig side by side.
+
+use super::super::tree::{Value, plain};
+use super::keys::{DISTORTION, FOCAL, MATRIX, MODEL, PARAMETERS, SIDES, SIZES, bare};
+
+/// Whether a mapping describes a camera.
+fn is_camera(value: &Value) -> bool {
+    let is_matrix = |(key, value): &(String, Value)| {
+        let numbers = || value.numbers().map_or(0, |n| n.len());
+        MATRIX.contains(&bare(key).as_str()) && matches!(numbers(), 4 | 9)
+    };
+    let has_focal = |entries: &[(String, Value)]| {
+        entries
+            .iter()
+            .any(|(key, _)| FOCAL[0].contains(&bare(key).as_str()))
+    };
+    let mut groups = value
+        .entries()
+        .iter()
+        .filter(|(key, _)| PARAMETERS.contains(&bare(key).as_str()));
+    value.entries().iter().any(is_matrix)
+        || has_focal(value.entries())
+        || groups.any(|(_, group)| has_focal(group.entries()))
+}
+
+/// The cameras of a file, with their names; that of a file of one is empty.
+pub(super) fn cameras(tree: &Value) -> Vec<(String, Value)> {
+    if is_camera(tree) {
+        return vec![(String::new(), tree.clone())];
+    }
+    let rig = of_rig(tree);
+    if !rig.is_empty() {
+        return rig;
+    }
+    let own = tree.entries().iter().filter(|(_, value)| is_camera(value));
+    own.map(|(key, value)| (key.clone(), value.clone()))
+        .collect()
+}
+
+/// The cameras of a flat file of two: `M1, D1, M2, D2`, `K_left, dist_left`, `Camera1.fx`.
+fn of_rig(tree: &Value) -> Vec<(String, Value)> {
+    let sides = [("left", ["1", "left", "l"]), ("right", ["2", "right", "r"])];
+    let cameras = sides.into_iter().filter_map(|(name, marks)| {
+        let own = |key: &str| -> Option<String> {
+            let key = plain(
+                key.strip_prefix("Camera1.")
+                    .filter(|_| name == "left")
+                    .or_else(|| key.strip_prefix("Camera2.").filter(|_| name == "right"))
+                    .unwrap_or(key),
+            );
+            let of_mark = |mark: &&str| {
+                let rest = key
+                    .strip_suffix(*mark)
+                    .or_else(|| key.strip_prefix(*mark))?;
+                let is_known = MATRIX.contains(&rest) || DISTORTION.contains(&rest);
+                is_known.then(|| rest.to_owned())
+            };
+            marks.iter().find_map(of_mark)
+        };
+        let prefix = if name == "left" {
+            "Camera1."
+        } else {
+            "Camera2."
+        };
+        let entries = tree.entries().iter().filter_map(|(key, value)| {
+            let flat = key.strip_prefix(prefix).map(str::to_owned);
+            let shared = || {
+                (SIZES.contains(&plain(key).as_str())
+                    || SIDES
+                        .iter()
+                        .flatten()
+                        .any(|n| n.contains(&bare(key).as_str()))
+                    || MODEL.contains(&bare(key).as_str()))
+                .then(|| key.clone())
+            };
+            Some((flat.or_else(|| own(key)).or_else(shared)?, value.clone()))
+        });
+        let camera = Value::Map(entries.collect());
+        is_camera(&camera).then(|| (name.to_owned(), camera))
+    });
+    cameras.collect()
+}
