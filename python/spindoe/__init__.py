@@ -15,7 +15,7 @@ Answers that may be missing are `Rejection` where they are, which is false::
 Bad input raises `ValueError`, what the system refuses `OSError`, both with one line.
 """
 
-from ._balls import BallEstimate, Balls, StrobeEstimate, StrobeHypothesis
+from ._balls import BallEstimate, Balls, GolfSpin, StrobeEstimate, StrobeHypothesis
 from ._calibrate import Calibration, SteadyMark
 from ._common import Rejection
 from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
@@ -54,6 +54,7 @@ __all__ = [
     "Estimator",
     "EstimatorSettings",
     "FrameEstimate",
+    "GolfSpin",
     "HashTable",
     "Hint",
     "Identification",

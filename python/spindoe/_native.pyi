@@ -246,13 +246,14 @@ class Estimator:
     ) -> Tracker: ...
 
 _Ball = tuple[_Frame, int, list[float]]
+_Golf = tuple[list[float], float, list[float] | None, str]
 _Strobed = tuple[
     float,
     list[tuple[int, int]],
     list[int],
     str,
     list[float],
-    tuple[_Floats, _Floats, list[list[float]]] | str,
+    tuple[_Floats, _Floats, list[list[float]], _Golf | None] | str,
 ]
 
 class Balls:
