@@ -34,7 +34,7 @@ from ._recognize import (
 )
 from ._rerun import to_rerun
 from ._sequence import SequenceEstimate
-from ._spin import Alias, Spin, fit_spin
+from ._spin import Alias, Spin, SpinCurve, fit_spin
 from ._stencil import Stencil, StencilSettings
 from ._synth import SynthSettings, Truth, synth
 from ._vision import CircleSettings, Estimator, EstimatorSettings, Tracker, TrackerState
@@ -71,6 +71,7 @@ __all__ = [
     "Rival",
     "SequenceEstimate",
     "Spin",
+    "SpinCurve",
     "SteadyMark",
     "Stencil",
     "StencilSettings",

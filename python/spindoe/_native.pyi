@@ -21,6 +21,7 @@ _Frame = tuple[
     _Pose | str,
     tuple[float, float, float],
 ]
+_Curve = tuple[_Floats, _Floats, _Floats, _Floats, float]
 _Spin = tuple[
     float,
     _Floats,
@@ -32,7 +33,7 @@ _Spin = tuple[
     _Floats,
     list[tuple[_Floats, float]],
     str,
-    tuple[str, float, _Floats, float | None, list[str]],
+    tuple[str, float, _Floats, float | None, list[str], _Curve | None],
 ]
 _Calibrated = tuple[
     HashTable,
