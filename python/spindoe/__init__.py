@@ -15,7 +15,7 @@ Answers that may be missing are `Rejection` where they are, which is false::
 Bad input raises `ValueError`, what the system refuses `OSError`, both with one line.
 """
 
-from ._balls import BallEstimate, Balls, StrobeEstimate, StrobeHypothesis
+from ._balls import BallEstimate, Balls, GolfSpin, StrobeEstimate, StrobeHypothesis
 from ._calibrate import Calibration, SteadyMark
 from ._common import Rejection
 from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
@@ -34,7 +34,7 @@ from ._recognize import (
 )
 from ._rerun import to_rerun
 from ._sequence import SequenceEstimate
-from ._spin import Alias, Spin, fit_spin
+from ._spin import Alias, Spin, SpinCurve, fit_spin
 from ._stencil import Stencil, StencilSettings
 from ._synth import SynthSettings, Truth, synth
 from ._vision import CircleSettings, Estimator, EstimatorSettings, Tracker, TrackerState
@@ -54,6 +54,7 @@ __all__ = [
     "Estimator",
     "EstimatorSettings",
     "FrameEstimate",
+    "GolfSpin",
     "HashTable",
     "Hint",
     "Identification",
@@ -70,6 +71,7 @@ __all__ = [
     "Rival",
     "SequenceEstimate",
     "Spin",
+    "SpinCurve",
     "SteadyMark",
     "Stencil",
     "StencilSettings",

@@ -35,6 +35,27 @@ class BallEstimate:
 
 
 @dataclass(frozen=True, slots=True)
+class GolfSpin:
+    """A spin in golf's words, as ``spindoe estimate --golf`` gives them."""
+
+    total_rpm: float
+    """Magnitude, revolutions per minute."""
+    backspin_rpm: float
+    """About the horizontal axis across the flight; positive lifts the ball."""
+    sidespin_rpm: float
+    """About the vertical; positive bends the flight to the right."""
+    rifle_rpm: float
+    """About the line of flight."""
+    tilt_deg: float
+    """Tilt of the spin's axis, degrees; positive bends the flight to the right."""
+    std_rpm: tuple[float, float] | None
+    """Standard deviations of backspin and sidespin, rpm, where they are known."""
+    spin_type: Literal["measured", "estimated"]
+    """Measured: three images or more agree on the spin, and odds of 20 to 1 or better exclude any other and any other order of the
+    images. Estimated: it rests on an assumption, as that of two images does."""
+
+
+@dataclass(frozen=True, slots=True)
 class StrobeHypothesis:
     """One way in which the images of an exposure and its flashes may belong together."""
 
@@ -54,6 +75,8 @@ class StrobeHypothesis:
     """Its covariance, (rad/s)^2."""
     alternatives: Floats
     """Faster spins that explain the images as well, shape (n, 3)."""
+    golf: GolfSpin | None
+    """The spin in golf's words, of a flight in that direction; None without a spin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,10 +177,11 @@ def _hypothesis(found: _native._Strobed) -> StrobeHypothesis:
     vector: Floats | Rejection
     covariance: Floats | None
     others: list[list[float]]
+    golf: _native._Golf | None
     if isinstance(spin, str):
-        vector, covariance, others = Rejection(spin), None, []
+        vector, covariance, others, golf = Rejection(spin), None, [], None
     else:
-        vector, covariance, others = spin
+        vector, covariance, others, golf = spin
     return StrobeHypothesis(
         probability,
         tuple(lit),
@@ -167,4 +191,12 @@ def _hypothesis(found: _native._Strobed) -> StrobeHypothesis:
         vector,
         covariance,
         np.array(others, dtype=np.float64).reshape(-1, 3),
+        None if golf is None else _golf(golf),
+    )
+
+
+def _golf(words: _native._Golf) -> GolfSpin:
+    (total, back, side, rifle), tilt, std, spin_type = words
+    return GolfSpin(
+        total, back, side, rifle, tilt, None if std is None else (std[0], std[1]), cast("Any", spin_type)
     )

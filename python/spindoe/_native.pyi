@@ -21,6 +21,7 @@ _Frame = tuple[
     _Pose | str,
     tuple[float, float, float],
 ]
+_Curve = tuple[_Floats, _Floats, _Floats, _Floats, float]
 _Spin = tuple[
     float,
     _Floats,
@@ -32,7 +33,7 @@ _Spin = tuple[
     _Floats,
     list[tuple[_Floats, float]],
     str,
-    tuple[str, float, _Floats, float | None, list[str]],
+    tuple[str, float, _Floats, float | None, list[str], _Curve | None],
 ]
 _Calibrated = tuple[
     HashTable,
@@ -247,13 +248,14 @@ class Estimator:
     ) -> Tracker: ...
 
 _Ball = tuple[_Frame, int, list[float]]
+_Golf = tuple[list[float], float, list[float] | None, str]
 _Strobed = tuple[
     float,
     list[tuple[int, int]],
     list[int],
     str,
     list[float],
-    tuple[_Floats, _Floats, list[list[float]]] | str,
+    tuple[_Floats, _Floats, list[list[float]], _Golf | None] | str,
 ]
 
 class Balls:

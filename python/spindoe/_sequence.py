@@ -18,7 +18,7 @@ from ._common import Floats, Frame, Ints, Rejection, optional, write_whole
 from ._frame import FrameEstimate, Pose
 from ._native import __version__
 from ._pattern import PathLike
-from ._spin import Alias, Spin
+from ._spin import Alias, Spin, SpinCurve
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -146,6 +146,8 @@ class SequenceEstimate:
         return f"<SequenceEstimate: {posed} of {len(self.frames)} frames, {self.spin!r}>"
 
 
+# The arrays of a free motion over time, and what each has for a time.
+_CURVE_SHAPES = {"times_s": (), "spins_rad_s": (3,), "covariances": (3, 3), "quaternions_wxyz": (4,)}
 # Numbers of a pose and of a spin that are single, by their fields' names.
 _POSE_NUMBERS = ("dots_confidence", "confidence", "residual_rad", "residual_px", "hinted")
 _SPIN_SCALARS = ("time_s", "sigma_rad", "log_likelihood", "inliers", "frame", "model", "decay_per_s", "lack_of_fit")
@@ -194,6 +196,10 @@ def _arrays(found: SequenceEstimate) -> dict[str, NDArray[Any]]:
             "alias_spins_rad_s": stack((3,), [[alias.spin_rad_s] for alias in found.spin.aliases]),
             "alias_log_likelihood_ratios": np.array([a.log_likelihood_ratio for a in found.spin.aliases]),
         }
+        curve = found.spin.curve
+        if curve is not None:
+            arrays |= {f"curve_{name}": getattr(curve, name) for name in _CURVE_SHAPES}
+            arrays["curve_spread_rad_s"] = np.array(curve.spread_rad_s)
         spin = {name: getattr(found.spin, name) for name in _SPIN_SCALARS} | {"clock": list(found.spin.clock)}
     else:
         spin = {"reason": found.spin.reason}
@@ -258,6 +264,11 @@ def _sequence(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Se
     if "reason" in meta["spin"]:
         spin = Rejection(meta["spin"]["reason"])
     else:
+        curve: SpinCurve | None = None
+        if "curve_times_s" in arrays:
+            knots = len(arrays["curve_times_s"])
+            columns = [get(f"curve_{name}", knots, *shape) for name, shape in _CURVE_SHAPES.items()]
+            curve = SpinCurve(*columns, get("curve_spread_rad_s").item())
         ratios = arrays["alias_log_likelihood_ratios"]
         aliases = zip(get("alias_spins_rad_s", len(ratios), 3), ratios.tolist(), strict=True)
         spin = Spin(
@@ -268,6 +279,7 @@ def _sequence(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Se
             body_rate_rad_s=get("spin_body_rate_rad_s", 3),
             aliases=tuple(Alias(vector, ratio) for vector, ratio in aliases),
             clock=tuple(meta["spin"].get("clock", ())),
+            curve=curve,
             **{name: meta["spin"][name] for name in _SPIN_SCALARS},
         )
     return SequenceEstimate(

@@ -26,13 +26,67 @@ class Alias:
     """Natural logarithm of its likelihood over that of the estimate; 0 is a tie."""
 
 
+@dataclass(slots=True, eq=False)
+class SpinCurve:
+    """The spin of a ball that is pushed, at the times of its orientations; straight lines in between."""
+
+    times_s: Floats
+    """Seconds, shape (n,)."""
+    spins_rad_s: Floats
+    """In the frame of the estimate, rad/s, shape (n, 3)."""
+    covariances: Floats
+    """Their covariances, (rad/s)^2, shape (n, 3, 3)."""
+    quaternions_wxyz: Floats
+    """The orientations then, scalar first, shape (n, 4)."""
+    spread_rad_s: float
+    """Root mean square by which the spin is off its mean over the time."""
+
+    @property
+    def rps(self) -> Floats:
+        """Revolutions per second, shape (n,)."""
+        rps: Floats = np.linalg.norm(self.spins_rad_s, axis=1) / (2.0 * np.pi)
+        return rps
+
+    @property
+    def std_rps(self) -> Floats:
+        """Standard deviations of the magnitudes: 1.96 times as much to either side is a band of 95 %."""
+        axes = np.array([_axis(spin) for spin in self.spins_rad_s]).reshape(-1, 3)
+        variances = np.einsum("ni,nij,nj->n", axes, self.covariances, axes)
+        std: Floats = np.sqrt(np.maximum(variances, 0.0)) / (2.0 * np.pi)
+        return std
+
+    def as_rotation(self, time_s: ArrayLike) -> Rotation:
+        """SciPy's rotation at these times."""
+        times = np.asarray(time_s, dtype=np.float64)
+        before = np.clip(np.searchsorted(self.times_s, times, side="right") - 1, 0, len(self.times_s) - 1)
+        after = np.minimum(before + 1, len(self.times_s) - 1)
+        whole = self.times_s[after] - self.times_s[before]
+        elapsed = times - self.times_s[before]
+        is_inside = (elapsed > 0.0) & (whole > 0.0)
+        share = np.where(is_inside, elapsed / np.where(whole > 0.0, whole, 1.0), 0.0)
+        a, b = self.spins_rad_s[before], self.spins_rad_s[after]
+        start, end = to_scipy(self.quaternions_wxyz[before]), to_scipy(self.quaternions_wxyz[after])
+        turn = scipy_rotation().from_rotvec
+        rest = (end * (turn((a + b) * (0.5 * whole)[..., None]) * start).inv()).as_rotvec()
+        part = (a + (b - a) * (0.5 * share)[..., None]) * elapsed[..., None]
+        return turn(rest * share[..., None]) * turn(part) * start
+
+
+def _axis(spin: Floats) -> Floats:
+    """The direction of a spin; nothing where it has none."""
+    rate = float(np.linalg.norm(spin))
+    axis: Floats = spin / rate if rate > 0.0 else np.zeros(3)
+    return axis
+
+
 @dataclass(slots=True, eq=False, repr=False)
 class Spin:
     """A spin with its uncertainty. True where a truth value is wanted.
 
     The model: ``R(t) = exp([p]x tau) R(t0) exp([q]x tau)`` with ``tau = (1 - exp(-c (t - t0))) / c``. A constant spin has
     ``p = w``, no ``c`` and no ``q``; one that decays has a rate ``c``; a ball that precesses also a rotation ``q`` that is fixed
-    in the ball, and the spin is the mean one, along ``p``.
+    in the ball, and the spin is the mean one, along ``p``. A ball that is pushed (``free``) has a spin that changes in any smooth way:
+    `curve` has it over time, and the spin is its mean over the time.
     """
 
     time_s: float
@@ -55,7 +109,7 @@ class Spin:
     """Other spins that the sampling cannot tell apart, the likeliest first."""
     frame: Frame = "camera"
     """The frame of all that is said of the spin; `as_frame` gives it in other axes."""
-    model: Literal["constant", "decaying", "precessing"] = "constant"
+    model: Literal["constant", "decaying", "precessing", "free"] = "constant"
     """The motion: by evidence, unless one was asked for."""
     decay_per_s: float = 0.0
     """The rate ``c`` at which the spin decays."""
@@ -67,6 +121,8 @@ class Spin:
     clock: tuple[str, ...] = ()
     """What was found wrong with the times, and mended: repeated images, lost frames, rounded times, times that scatter. The spin
     is that with the times mended."""
+    curve: SpinCurve | None = None
+    """The spin over time, of a free motion."""
 
     @property
     def rps(self) -> float:
@@ -75,9 +131,8 @@ class Spin:
 
     @property
     def axis(self) -> Floats:
-        """Unit vector of the axis, in `frame`."""
-        axis: Floats = self.spin_rad_s / np.linalg.norm(self.spin_rad_s)
-        return axis
+        """Unit vector of the axis, in `frame`; zeros for a ball at rest."""
+        return _axis(self.spin_rad_s)
 
     @property
     def std_rad_s(self) -> Floats | None:
@@ -92,7 +147,11 @@ class Spin:
         """Standard deviation of the magnitude, revolutions per second."""
         if self.covariance is None:
             return None
-        variance = float(self.axis @ self.covariance @ self.axis)
+        axis = self.axis
+        if not axis.any():
+            variance = float(np.linalg.eigvalsh(self.covariance)[-1])
+        else:
+            variance = float(axis @ self.covariance @ axis)
         return float(np.sqrt(max(variance, 0.0)) / (2.0 * np.pi))
 
     def as_rotation(self, time_s: ArrayLike | None = None) -> Rotation:
@@ -100,6 +159,8 @@ class Spin:
         start = to_scipy(self.quaternion_wxyz)
         if time_s is None:
             return start
+        if self.curve is not None:
+            return self.curve.as_rotation(time_s)
         elapsed = np.asarray(time_s, dtype=np.float64)[..., None] - self.time_s
         c, q = self.decay_per_s, self.body_rate_rad_s
         tau = -np.expm1(-c * elapsed) / c if c else elapsed
@@ -120,8 +181,19 @@ class Spin:
             Alias(other, alias.log_likelihood_ratio)
             for other, alias in zip(others, self.aliases, strict=True)
         )
+        curve = self.curve
+        if curve is not None:
+            # The columns of the turn, and the orientations with it.
+            identity = np.array([1.0, 0.0, 0.0, 0.0])
+            _, turn, columns, _ = _native.in_axes(self.frame, frame, identity, list(np.eye(3)), None)
+            matrix = np.array(columns).T
+            turned = to_scipy(turn) * to_scipy(curve.quaternions_wxyz)
+            curve = replace(
+                curve, spins_rad_s=curve.spins_rad_s @ matrix.T, covariances=matrix @ curve.covariances @ matrix.T,
+                quaternions_wxyz=np.roll(turned.as_quat(), 1, axis=-1),
+            )
         return replace(
-            self, spin_rad_s=spin, quaternion_wxyz=quaternion, covariance=covariance, aliases=aliases,
+            self, curve=curve, spin_rad_s=spin, quaternion_wxyz=quaternion, covariance=covariance, aliases=aliases,
             frame=cast("Frame", name),
         )
 
@@ -151,8 +223,9 @@ def spin_of(found: Any) -> Spin | Rejection:
     spin = Spin(*found[:8])
     aliases, spin.frame, motion = found[8:]
     spin.aliases = tuple(Alias(*alias) for alias in aliases)
-    spin.model, spin.decay_per_s, spin.body_rate_rad_s, spin.lack_of_fit, clock = motion
+    spin.model, spin.decay_per_s, spin.body_rate_rad_s, spin.lack_of_fit, clock, curve = motion
     spin.clock = tuple(clock)
+    spin.curve = None if curve is None else SpinCurve(*curve)
     return spin
 
 
@@ -168,7 +241,7 @@ def fit_spin(
     view_turns_rad: ArrayLike | None = None,
     frame: Frame = "camera",
     method: Literal["robust", "quatera"] = "robust",
-    model: Literal["auto", "constant", "decaying", "precessing"] = "auto",
+    model: Literal["auto", "constant", "decaying", "precessing", "free"] = "auto",
     at_s: float | None = None,
     max_rps: float = 175.0,
     sigma_rad: float = np.deg2rad(2.0),
@@ -195,9 +268,10 @@ def fit_spin(
             which widens the covariance.
         frame: The frame that the orientations are in.
         method: ``"robust"``, or ``"quatera"``, the paper's, of constant spins.
-        model: How the ball moves: ``"constant"``, ``"decaying"``, ``"precessing"``, or the one for which
-            there is evidence.
-        at_s: The time of the spin, seconds, within `times_s`; by default the middle.
+        model: How the ball moves: ``"constant"``, ``"decaying"``, ``"precessing"``, ``"free"`` (pushed), or the
+            one for which there is evidence.
+        at_s: The time of the spin, seconds, within `times_s`; by default the middle, and of a free motion
+            the mean over the time.
         max_rps: Largest spin considered, revolutions per second.
         sigma_rad: First estimate of the orientations' noise per axis, radians.
         prior_rps: Expected magnitude and its standard deviation, revolutions per second.

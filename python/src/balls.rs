@@ -12,6 +12,7 @@ use spindoe::clip::{
 use spindoe::geometry::CameraFrame;
 use spindoe::image::{ImageView, RawPixel};
 use spindoe::spin::SpinRejection;
+use spindoe::spin::golf::GolfSpin;
 use spindoe::spin::robust::SpinConfig;
 use spindoe::vision::Budget;
 
@@ -27,7 +28,7 @@ type BallTuple<'py> = (FrameTuple<'py>, usize, Vec<f64>);
 /// The same with the ball's number.
 type NumberedTuple<'py> = (Option<usize>, BallTuple<'py>);
 /// Probability, balls with their flashes, missed flashes, direction of flight, velocity in the picture, and the spin with its
-/// covariance and the faster ones, or why there is none.
+/// covariance, the faster ones and golf's words, or why there is none.
 type HypothesisTuple<'py> = (
     f64,
     Vec<(usize, usize)>,
@@ -40,7 +41,10 @@ type SpinTuple<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
     Vec<[f64; 3]>,
+    Option<GolfTuple>,
 );
+/// Total, backspin, sidespin and rifle spin, rpm; tilt, degrees; the deviations of the second and third, rpm; measured or estimated.
+type GolfTuple = ([f64; 4], f64, Option<[f64; 2]>, &'static str);
 
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Balls {
@@ -191,7 +195,10 @@ impl Balls {
         let frame = self.frame;
         let (hypotheses, balls) = abandonable(py, move |_| (strobe.read(&balls, frame), balls))?;
         let tuples = balls.iter().map(|ball| ball_tuple(py, ball)).collect();
-        let found = hypotheses.iter().map(|h| hypothesis_tuple(py, h)).collect();
+        let found = hypotheses
+            .iter()
+            .map(|h| hypothesis_tuple(py, h, self.frame))
+            .collect();
         Ok((tuples, found))
     }
 }
@@ -213,7 +220,26 @@ fn ball_tuple<'py>(py: Python<'py>, ball: &BallEstimate) -> BallTuple<'py> {
     )
 }
 
-fn hypothesis_tuple<'py>(py: Python<'py>, found: &StrobeHypothesis) -> HypothesisTuple<'py> {
+fn golf_tuple(golf: &GolfSpin) -> GolfTuple {
+    (
+        [
+            golf.total_rpm,
+            golf.backspin_rpm,
+            golf.sidespin_rpm,
+            golf.rifle_rpm,
+        ],
+        golf.tilt_deg,
+        golf.std_rpm,
+        golf.spin_type.as_str(),
+    )
+}
+
+/// A hypothesis whose orientations are in `frame`.
+fn hypothesis_tuple<'py>(
+    py: Python<'py>,
+    found: &StrobeHypothesis,
+    frame: CameraFrame,
+) -> HypothesisTuple<'py> {
     let spin = match &found.spin {
         Ok((fit, others)) => {
             let [x, y, z]: [f64; 3] = fit.motion.spin.into();
@@ -223,6 +249,7 @@ fn hypothesis_tuple<'py>(py: Python<'py>, found: &StrobeHypothesis) -> Hypothesi
                 PyArray1::from_slice(py, &[x, y, z]),
                 square(py, &covariance),
                 others,
+                found.golf(frame).as_ref().map(golf_tuple),
             ))
         }
         Err(rejection) => Answer::Rejected(SpinRejection::to_string(rejection)),

@@ -11,6 +11,7 @@ use spindoe::geometry::{CameraFrame, to_wxyz, turned_covariance};
 use spindoe::spin::alias::{AliasConfig, Alternative, SpinEvidence};
 use spindoe::spin::clock::Clock;
 use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
+use spindoe::spin::free::FreeFit;
 use spindoe::spin::orientations::{OrientationRow, Orientations};
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
 use spindoe::spin::robust::{MagnitudePrior, SpinConfig};
@@ -24,7 +25,8 @@ use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
 use crate::work::abandonable;
 
 /// A fit: reference time, spin, orientation then, covariance, noise, log-likelihood, inliers,
-/// probabilities, aliases; frame; motion, rate of decay, rate fixed in the ball then, lack of fit, what was wrong with the times.
+/// probabilities, aliases; frame; motion, rate of decay, rate fixed in the ball then, lack of fit, what was wrong with the times, a free motion
+/// over time.
 pub type Found<'py> = (
     f64,
     Bound<'py, PyArray1<f64>>,
@@ -42,7 +44,17 @@ pub type Found<'py> = (
         Bound<'py, PyArray1<f64>>,
         Option<f64>,
         Vec<String>,
+        Option<CurveTuple<'py>>,
     ),
+);
+
+/// A free motion over time: times, spins (n, 3), their covariances (n, 3, 3), orientations (n, 4); root mean square of the spin about its mean.
+pub type CurveTuple<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray3<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    f64,
 );
 
 /// A file of orientations for Python: quaternions (n, 4), covariances (n, 3, 3), NaN where there is none, and the turns of the view
@@ -113,7 +125,7 @@ fn view_turn(rows: &ArrayViewD<'_, f64>, i: usize) -> PyResult<ViewTurn> {
     })
 }
 
-/// An estimate for Python, whose spin is that at `at_s`, by default in the middle; its aliases are searched for in `measurements`.
+/// An estimate for Python, whose spin is that at `at_s`, by default what sums it up; its aliases are searched for in `measurements`.
 pub fn estimate_tuple<'py>(
     py: Python<'py>,
     estimate: &SpinEstimate,
@@ -134,7 +146,6 @@ pub fn estimate_tuple<'py>(
         sigma_rad: config.sigma_rad,
         ..AliasConfig::default()
     };
-    let at_s = at_s.unwrap_or(estimate.middle_s());
     let (owned, measured) = (estimate.clone(), measurements.to_vec());
     let (summary, probabilities) = abandonable(py, move |_| {
         let summary = owned.summary(&measured, at_s, &listed, measured.len());
@@ -187,7 +198,33 @@ pub fn to_tuple<'py>(
             vector(py, &motion.body_rate(fit.motion.time_s)),
             fit.lack_of_fit,
             clock.words(),
+            match motion {
+                FittedMotion::Free(free) => Some(curve_tuple(py, free)),
+                _ => None,
+            },
         ),
+    )
+}
+
+/// A free motion over time.
+fn curve_tuple<'py>(py: Python<'py>, free: &FreeFit) -> CurveTuple<'py> {
+    let knots = &free.knots;
+    let mut spins = Array2::zeros((knots.len(), 3));
+    let mut quaternions = Array2::zeros((knots.len(), 4));
+    for (i, knot) in knots.iter().enumerate() {
+        spins.row_mut(i).assign(&arr1(knot.spin.as_slice()));
+        quaternions
+            .row_mut(i)
+            .assign(&arr1(&to_wxyz(&knot.orientation)));
+    }
+    let times: Vec<f64> = knots.iter().map(|k| k.time_s).collect();
+    let covariances: Vec<_> = knots.iter().map(|k| k.spin_covariance).collect();
+    (
+        PyArray1::from_vec(py, times),
+        spins.into_pyarray(py),
+        blocks3(py, &covariances),
+        quaternions.into_pyarray(py),
+        free.spread_rad_s(),
     )
 }
 

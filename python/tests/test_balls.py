@@ -26,6 +26,19 @@ def test_the_spin_of_an_exposure(command, tmp_path):
         assert a.flight == b["flight"]
         assert a.probability == pytest.approx(b["probability"], abs=1e-9)
         np.testing.assert_allclose(a.spin_rad_s, b["spin"]["spin_rad_s"], rtol=1e-9)
+        # Golf's words by their definitions: a level camera sees the flight from the side.
+        along = {"left": [-1.0, 0.0, 0.0], "right": [1.0, 0.0, 0.0]}[a.flight]
+        right, up = np.cross(along, [0.0, 1.0, 0.0]), np.array([0.0, 1.0, 0.0])
+        words = [np.linalg.norm(a.spin_rad_s), *(a.spin_rad_s @ axis for axis in (right, -up, along))]
+        golf = a.golf
+        assert golf is not None
+        ours_rpm = [golf.total_rpm, golf.backspin_rpm, golf.sidespin_rpm, golf.rifle_rpm]
+        np.testing.assert_allclose(ours_rpm, np.array(words) * 30.0 / np.pi, rtol=1e-9)
+        assert golf.tilt_deg == pytest.approx(np.rad2deg(np.arctan2(golf.sidespin_rpm, golf.backspin_rpm)))
+    # Three images agree and one order fits; nothing checks two.
+    assert ours.hypotheses[0].golf.spin_type == "measured"
+    pairs = balls.estimate_strobe(image, [0.0, 0.9e-3])
+    assert {h.golf.spin_type for h in pairs.hypotheses if h.golf} == {"estimated"}
     with pytest.raises(ValueError, match="strobe"):
         balls.estimate_strobe(image, [0.0, 0.0])
     with pytest.raises(ValueError, match="strobe"):

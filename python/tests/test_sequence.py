@@ -71,10 +71,16 @@ def test_what_is_saved_is_loaded_bit_by_bit(found, clip, table, estimator, tmp_p
         found.spin, model="precessing", decay_per_s=0.1, body_rate_rad_s=np.array([1.0, 0.1 + 0.2, 3.0]), lack_of_fit=1.7,
         covariance=None, log_likelihood=None,
     )
+    times_s = np.linspace(0.0, 0.3, 4)
+    curve = spindoe.SpinCurve(
+        times_s, np.outer(1.0 + times_s, [1.0, 2.0, 3.0]), np.tile(np.eye(3), (4, 1, 1)), np.tile([1.0, 0.0, 0.0, 0.0], (4, 1)), 0.1 + 0.2
+    )
+    pushed = dataclasses.replace(found.spin, model="free", curve=curve)
     pinhole = spindoe.Estimator(table, camera=spindoe.Camera.pinhole(1500, 1500, 66, 66))
     for given in [
         found,
         dataclasses.replace(found, spin=precessing),
+        dataclasses.replace(found, spin=pushed),
         estimator.estimate_sequence(images[:6], color="rgb"),
         estimator.estimate_sequence([]),
         pinhole.estimate_sequence(images[:3], times[:3], color="rgb"),

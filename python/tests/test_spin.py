@@ -62,6 +62,46 @@ def test_the_motion_is_that_of_the_rotations(model, decay, body):
         spindoe.fit_spin(times, rotations, at_s=-1.0)
 
 
+def test_a_ball_that_is_pushed():
+    rotation = pytest.importorskip("scipy.spatial.transform").Rotation
+    # A spin that swings about two axes, integrated in steps that are far shorter than a frame.
+    def spin(t):
+        return np.array([3.0 + 2.0 * np.sin(3.0 * t), -2.0 * np.cos(2.0 * t), 4.0])
+
+    fine, turned, rotations = 40, rotation.identity(), []
+    times = np.arange(120) / 60.0
+    for t in times:
+        rotations.append(turned.as_quat())
+        for i in range(fine):
+            turned = rotation.from_rotvec(spin(t + (i + 0.5) / 60.0 / fine) / 60.0 / fine) * turned
+    noise = rotation.from_rotvec(np.random.default_rng(5).normal(0.0, 0.01, (120, 3)))
+    truth = rotation.from_quat(rotations)
+    found = spindoe.fit_spin(times, noise * truth)
+    assert found and found.model == "free" and found.curve is not None
+    mean = np.mean([spin(t) for t in np.linspace(times[0], times[-1], 2001)], axis=0)
+    off = found.spin_rad_s - mean
+    assert off @ np.linalg.solve(found.covariance, off) < 11.345
+    curve = found.curve
+    truths = np.array([spin(t) for t in curve.times_s])
+    assert np.abs(curve.spins_rad_s - truths).max() < 0.8
+    inside = np.abs(curve.rps - np.linalg.norm(truths, axis=1) / (2 * np.pi)) < 1.96 * curve.std_rps
+    assert inside.mean() > 0.9 and (curve.std_rps > 0.0).all()
+    assert (found.as_rotation(times) * truth.inv()).magnitude().max() < 0.03
+    spread = np.sqrt(np.mean(np.sum((truths - mean) ** 2, axis=1)))
+    assert curve.spread_rad_s == pytest.approx(spread, rel=0.1)
+    optical = found.as_frame("optical")
+    assert np.allclose(optical.curve.spins_rad_s, curve.spins_rad_s * [1, -1, -1])
+    at = spindoe.fit_spin(times, noise * truth, at_s=0.5)
+    assert at and np.linalg.norm(at.spin_rad_s - spin(0.5)) < 0.5
+
+
+def test_a_ball_at_rest_has_no_axis_and_warns_of_nothing(recwarn):
+    found = spindoe.fit_spin(np.arange(20) / 30.0, np.tile([1.0, 0.0, 0.0, 0.0], (20, 1)))
+    assert found and found.model == "constant" and found.rps < 1e-12
+    assert np.isfinite(found.axis).all() and np.isfinite(found.std_rps) and found.std_rps > 0.0
+    assert not recwarn.list
+
+
 def test_a_model_that_is_asked_for():
     times, rotations, _ = _moving(0.1)
     constant = spindoe.fit_spin(times, rotations, model="constant")

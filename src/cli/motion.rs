@@ -1,12 +1,18 @@
 //! The motion of a spin in `spindoe spin` and `spindoe estimate`, in words and as JSON.
 
+use std::f64::consts::TAU;
+
 use serde_json::{Value, json};
 
+use crate::geometry::Rotation;
 use crate::spin::alias::AliasConfig;
 use crate::spin::decay::DecayFit;
 use crate::spin::estimate::{FittedMotion, MotionModel, Rival, SpinEstimate};
+use crate::spin::free::{FreeFit, Knot};
 use crate::spin::precession::PrecessionFit;
+use crate::spin::robust::standard_deviations;
 use crate::spin::summary::SpinSummary;
+use crate::spin::windows::WindowFit;
 use crate::spin::{Interval, Measurement};
 use crate::stats::median;
 
@@ -25,6 +31,8 @@ pub(super) struct Motion {
     asked_for: MotionModel,
     /// The time of the spin that is reported, seconds.
     time_s: f64,
+    /// Whether it is the mean over the time.
+    is_mean: bool,
     /// Median angle of the orientations from a constant spin and from the motion, radians.
     constant_rad: f64,
     motion_rad: f64,
@@ -42,24 +50,45 @@ impl Motion {
         listed: &AliasConfig,
         frames: usize,
     ) -> (SpinSummary, Self) {
-        let time_s = time_s.unwrap_or(estimate.middle_s());
         let median_off = |motion: &FittedMotion| {
             let off = |m: &Measurement| motion.predict(m.time_s).angle_to(&m.orientation);
             let followed = estimate.followed(measurements);
             median(&mut followed.iter().map(off).collect::<Vec<_>>())
         };
         // Without a constant spin that holds, the mean one.
-        let constant = estimate.constant.unwrap_or_else(|| estimate.at(time_s));
+        let constant = estimate.constant.unwrap_or_else(|| estimate.overall());
         let summary = estimate.summary(measurements, time_s, listed, frames);
+        let is_mean = time_s.is_none() && estimate.motion.model() == MotionModel::Free;
         let found = Self {
             asked_for,
-            time_s,
+            time_s: summary.fit.motion.time_s,
+            is_mean,
             constant_rad: median_off(&FittedMotion::Constant(constant)),
             motion_rad: median_off(&estimate.motion),
             theory: None,
             estimate,
         };
         (summary, found)
+    }
+
+    /// With the spins of a free motion in another camera frame, which `turn` leads to.
+    pub fn turned(mut self, turn: &Rotation) -> Self {
+        if let FittedMotion::Free(fit) = self.estimate.motion {
+            self.estimate.motion = FittedMotion::Free(fit.turned(turn));
+        }
+        self
+    }
+
+    /// The spin over time of a free motion, as runs are.
+    pub fn over_time(&self) -> Option<Vec<WindowFit>> {
+        let FittedMotion::Free(fit) = &self.estimate.motion else {
+            return None;
+        };
+        let at = |knot: &Knot| WindowFit {
+            time_s: knot.time_s,
+            fit: fit.at(knot.time_s),
+        };
+        Some(fit.knots.iter().map(at).collect())
     }
 
     /// With what theory expects of a decay.
@@ -78,6 +107,10 @@ impl Motion {
         }
         if let Some(precession) = self.precession_json() {
             json["precession"] = precession;
+        }
+        if let FittedMotion::Free(fit) = &self.estimate.motion {
+            json["is_mean"] = self.is_mean.into();
+            json["free"] = free_json(fit);
         }
     }
 
@@ -138,16 +171,21 @@ impl Motion {
     /// In lines, below those of the spin.
     pub fn lines(&self) -> Vec<String> {
         let estimate = &self.estimate;
+        let when = match (self.is_mean, self.time_s == estimate.middle_s()) {
+            (true, _) => "the mean over the time".to_owned(),
+            (_, true) => format!("that at {:.4} s, the middle", self.time_s),
+            _ => format!("that at {:.4} s", self.time_s),
+        };
         let mut lines = vec![format!(
-            "  motion    {}{}; the spin is that at {:.4} s{}",
+            "  motion    {}{}; the spin is {when}",
             estimate.motion.model(),
             self.reason(),
-            self.time_s,
-            match self.time_s == estimate.middle_s() {
-                true => ", the middle",
-                false => "",
-            }
         )];
+        if let FittedMotion::Free(fit) = &estimate.motion {
+            lines.push(free_words(fit));
+        } else if self.asked_for == MotionModel::Free {
+            lines.push("  a free motion is left open by these orientations (too few, or none that is smooth)".to_owned());
+        }
         if let FittedMotion::Precessing(fit) = &estimate.motion {
             lines.extend(self.precession(fit));
         } else if self.asked_for == MotionModel::Precessing {
@@ -192,6 +230,7 @@ impl Motion {
             FittedMotion::Constant(_) => return String::new(),
             FittedMotion::Decaying(fit) => (fit.ln_bayes_factor, "a constant spin"),
             FittedMotion::Precessing(fit) => (fit.ln_bayes_factor, "a ball that does not"),
+            FittedMotion::Free(fit) => (fit.ln_bayes_factor, "a ball that nothing pushes"),
         };
         let odds = match odds {
             ln if ln.abs() > MAX_LN_ODDS => format!("e^{ln:.0}"),
@@ -238,4 +277,34 @@ impl Motion {
             ),
         ]
     }
+}
+
+/// How far a free motion's spin changes, in a line.
+fn free_words(fit: &FreeFit) -> String {
+    let (low, high) = fit.rates_rad_s();
+    format!(
+        "            pushed: the spin is {:.3} rps (rms) off its mean, {:.3} to {:.3} rps over the time (--windows)",
+        fit.spread_rad_s() / TAU,
+        low / TAU,
+        high / TAU,
+    )
+}
+
+/// A free motion as JSON.
+fn free_json(fit: &FreeFit) -> Value {
+    let over_time = fit.knots.iter().map(|knot| {
+        let std = standard_deviations(&knot.spin_covariance);
+        json!({
+            "time_s": knot.time_s,
+            "spin_rad_s": knot.spin.as_slice(),
+            "std_rad_s": std.as_slice(),
+        })
+    });
+    json!({
+        "ln_bayes_factor": fit.ln_bayes_factor,
+        "spread_rad_s": fit.spread_rad_s(),
+        "spread_rps": fit.spread_rad_s() / TAU,
+        "change_rad2_s3": fit.change,
+        "over_time": over_time.collect::<Vec<_>>(),
+    })
 }

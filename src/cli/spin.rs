@@ -80,11 +80,12 @@ pub struct Arguments {
     #[arg(hide = true, long, allow_negative_numbers = true)]
     orientation_sigma_deg: Option<f64>,
     /// How the ball moves: at a constant spin; at one that decays, |w|(t) = |w0| exp(-c t); precessing, as an uneven ball does:
-    /// its spin's axis drifts through the ball and circles the angular momentum, and the spin reported is the mean one; or auto,
-    /// the one of these for which there is evidence.
+    /// its spin's axis drifts through the ball and circles the angular momentum, and the spin reported is the mean one; auto,
+    /// the one of these for which there is evidence, or free: pushed, by a treadmill or a hand, at a spin that changes smoothly in
+    /// whatever way, and the spin reported is the mean over the time.
     #[arg(long, value_parser = one_of(&MotionModel::ALL, MotionModel::as_str), default_value_t)]
     motion: MotionModel,
-    /// The time that the spin is reported at, in seconds, within the file's [default: the middle].
+    /// The time that the spin is reported at, in seconds, within the file's [default: the middle; of a free motion the mean over all].
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     at: Option<f64>,
     /// Write where one constant spin holds, also where none holds over the whole file, as CSV:
@@ -92,7 +93,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     stretches: Option<PathBuf>,
     /// Write the spin over time, of runs of ten orientations that overlap by half, also where no constant spin
-    /// holds, as CSV: time_s,wx,wy,wz,rps,std_x,std_y,std_z,inliers,frames,camera_frame (rad/s).
+    /// holds, as CSV: time_s,wx,wy,wz,rps,std_x,std_y,std_z,inliers,frames,camera_frame (rad/s). Of a free motion it is the spin at
+    /// each orientation, by all of them.
     #[arg(long, value_name = "FILE")]
     windows: Option<PathBuf>,
     /// Draw the spin over time, from runs of a few orientations each, as a PNG file.
@@ -259,14 +261,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let windows = spin_over_time(&measurements, config.window, &config);
         windows.map_err(|r| r.in_file(&input.name))
     };
-    let windows = arguments
-        .windows
-        .as_ref()
-        .map(|_| over_time())
-        .transpose()?;
-    if let (Some(path), Some(windows)) = (&arguments.windows, &windows) {
-        stretches::write_windows(path, windows, config.window, &shown)?;
-    }
     let request = Request {
         arguments,
         name: &input.name,
@@ -275,6 +269,24 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         config: &config,
         held: &held,
     };
+    let found = request.summary();
+    let free = found
+        .as_ref()
+        .ok()
+        .and_then(|(_, motion)| motion.over_time());
+    // By how many orientations each spin is.
+    let by = match &free {
+        Some(free) => free.len(),
+        None => config.window,
+    };
+    let windows = match (&arguments.windows, free) {
+        (None, _) => None,
+        (Some(_), Some(free)) => Some(free),
+        (Some(_), None) => Some(over_time()?),
+    };
+    if let (Some(path), Some(windows)) = (&arguments.windows, &windows) {
+        stretches::write_windows(path, windows, by, &shown)?;
+    }
     // What holds in parts is said beside the answer, or instead of it.
     let in_parts = |json: &mut serde_json::Value, with_stretches: bool| {
         if with_stretches {
@@ -282,10 +294,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             json["stretches"] = stretches::to_json(&measurements, held, &shown);
         }
         if let Some(windows) = &windows {
-            json["windows"] = stretches::windows_to_json(windows, config.window, &shown);
+            json["windows"] = stretches::windows_to_json(windows, by, &shown);
         }
     };
-    let (summary, motion) = match request.summary() {
+    let (summary, motion) = match found {
         Ok(found) => found,
         Err(error) => {
             if let (Error::NoAnswer { reason, .. }, true) = (&error, arguments.json) {
@@ -317,7 +329,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         method: arguments.method,
         summary: summary.turned(&turn),
         camera_frame: written,
-        motion,
+        motion: motion.turned(&turn),
     };
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.picture {

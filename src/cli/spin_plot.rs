@@ -36,9 +36,11 @@ pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], fitted: &SpinEstim
             "no run of orientations yields a spin",
         ));
     };
-    let curve = |i: usize| {
+    let curve = |i: usize, half_widths: f64| {
         let t = first + (last - first) * i as f64 / CURVE_POINTS as f64;
-        (t, fitted.at(t).motion.rps())
+        let fit = fitted.at(t);
+        let half = Z95 * std_along(&fit).unwrap_or(0.0) / TAU;
+        (t, fit.motion.rps() + half_widths * half)
     };
     let name = match &fitted.motion {
         FittedMotion::Constant(_) => "constant spin fitted to all".into(),
@@ -48,7 +50,12 @@ pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], fitted: &SpinEstim
             fit.std_per_s()
         ),
         FittedMotion::Precessing(_) => "mean spin of the precession fitted to all".into(),
+        FittedMotion::Free(_) => "free motion fitted to all, with its 95 % band".into(),
     };
+    let mut bands = vec![(name, 0.0)];
+    if matches!(fitted.motion, FittedMotion::Free(_)) {
+        bands.extend([(String::new(), -1.0), (String::new(), 1.0)]);
+    }
     let plot = ValuePlot {
         title: "Spin over time".into(),
         x_label: "time (s)".into(),
@@ -57,10 +64,13 @@ pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], fitted: &SpinEstim
             name: "runs of orientations, 95 % intervals".into(),
             points,
         }],
-        lines: vec![LineSeries {
-            name,
-            points: (0..=CURVE_POINTS).map(curve).collect(),
-        }],
+        lines: bands
+            .into_iter()
+            .map(|(name, sign)| LineSeries {
+                name,
+                points: (0..=CURVE_POINTS).map(|i| curve(i, sign)).collect(),
+            })
+            .collect(),
     };
     value_curves(path, &plot)
 }

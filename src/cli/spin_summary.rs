@@ -35,8 +35,7 @@ pub(super) fn of_rows(
         sigma_rad: config.sigma_rad,
         ..AliasConfig::default()
     };
-    let at_s = estimate.middle_s();
-    Ok(estimate.summary(&measurements, at_s, &listed, file.rows.len()))
+    Ok(estimate.summary(&measurements, None, &listed, file.rows.len()))
 }
 
 /// The summary as JSON; vectors and orientation in `frame`.
@@ -70,6 +69,9 @@ pub(super) fn to_json(summary: &SpinSummary, frame: CameraFrame) -> Value {
 /// A spin alone as JSON; vectors and orientation in `frame`.
 pub(super) fn fit_json(fit: &Fit, frame: CameraFrame) -> Value {
     let mut json = vector_json(&fit.motion.spin);
+    if fit.is_at_rest() {
+        json["axis"] = Value::Null;
+    }
     let std = fit.spin_covariance.as_ref().map(standard_deviations);
     json["std_rad_s"] = json!(std.map(|s| [s.x, s.y, s.z]));
     json["std_rps"] = json!(std_along(fit).map(|s| s / TAU));
@@ -96,7 +98,10 @@ pub(super) fn lines(summary: &SpinSummary, frame: CameraFrame) -> Vec<String> {
         format!(
             "{:.3}{along} rps about {}",
             fit.motion.rps(),
-            axis_words(spin)
+            match fit.is_at_rest() {
+                true => "no axis that is known: the ball may be at rest".to_owned(),
+                false => axis_words(spin),
+            }
         ),
         format!(
             "  spin      [{x:.3}, {y:.3}, {z:.3}] rad/s, {}",
@@ -160,8 +165,12 @@ fn odds(fit: &Fit, alternative: &Alternative) -> String {
 
 /// Standard deviation of a fit's magnitude, rad/s.
 pub(super) fn std_along(fit: &Fit) -> Option<f64> {
-    let axis = unit(&fit.motion.spin);
     let covariance = fit.spin_covariance?;
+    let axis = unit(&fit.motion.spin);
+    if axis == Vec3::zeros() {
+        // Without a direction the largest.
+        return Some(covariance.symmetric_eigenvalues().max().max(0.0).sqrt());
+    }
     Some(axis.dot(&(covariance * axis)).max(0.0).sqrt())
 }
 

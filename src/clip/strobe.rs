@@ -24,7 +24,7 @@ use super::orientations::NamedFrame;
 use crate::error::{Result, require};
 use crate::geometry::{CameraFrame, Vec3};
 use crate::spin::alias::{AliasConfig, Alternative, alternatives};
-use crate::spin::golf::Flight;
+use crate::spin::golf::{Flight, GolfSpin, SpinType};
 use crate::spin::orientations::Orientations;
 use crate::spin::pair::fit_pair;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
@@ -53,6 +53,8 @@ const WRONG_POSE: f64 = 0.01;
 const ANYWHERE: f64 = 50.0;
 /// Hypotheses below this probability are not listed.
 const LISTED: f64 = 0.01;
+/// A spin is measured where the order of its images has odds of 20 to 1, as elsewhere.
+const SURE: f64 = 20.0 / 21.0;
 /// ln of the density of a wrong orientation: uniform over all rotations, whose vectors fill 8 pi^2.
 const LN_UNIFORM: f64 = -4.368_9;
 
@@ -464,5 +466,20 @@ impl StrobeHypothesis {
     /// The spin, frame of the orientations, rad/s.
     pub fn spin(&self) -> Option<Vec3> {
         self.spin.as_ref().ok().map(|(fit, _)| fit.motion.spin)
+    }
+
+    /// The spin in golf's words, where `frame` is that of the orientations.
+    pub fn golf(&self, frame: CameraFrame) -> Option<GolfSpin> {
+        let (fit, others) = self.spin.as_ref().ok()?;
+        let is_checked = fit.inliers >= MIN_FRAMES && others.is_empty();
+        let spin_type = match is_checked && self.probability >= SURE {
+            true => SpinType::Measured,
+            false => SpinType::Estimated,
+        };
+        // The turn between the axes is its own inverse.
+        let fit = fit.turned(&frame.turn());
+        let covariance = fit.spin_covariance.as_ref();
+        let spin = &fit.motion.spin;
+        Some(GolfSpin::new(spin, covariance, self.flight, spin_type))
     }
 }

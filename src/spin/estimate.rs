@@ -1,9 +1,9 @@
 //! The spin of a ball of which nobody knows how it moves: the motion by evidence, and the spin at a time.
 //!
-//! A constant spin, one that decays and one that precesses are fitted to the same orientations ([`robust`](super::robust),
-//! [`decay`](super::decay), [`precession`](super::precession)). Each contains the ones before it; a richer one is taken where
+//! A constant spin, one that decays, one that precesses and one that is pushed are fitted to the same orientations ([`robust`](super::robust),
+//! [`decay`](super::decay), [`precession`](super::precession), [`free`](super::free)). Each contains the ones before it; a richer one is taken where
 //! the odds for it are 20 to 1 or better ([`evidence`](super::evidence)), the richest first. A spin that changes has a time: by
-//! default the middle between the first orientation and the last, where it is known best.
+//! default the middle between the first orientation and the last, where it is known best. A free motion is summed up by its mean.
 //!
 //! ```
 //! use spindoe::spin::estimate::{MotionModel, SpinEstimate};
@@ -31,148 +31,18 @@ use super::belief::Belief;
 use super::clock::{Clock, Reading, Room, examined};
 use super::decay::DecayFit;
 use super::evidence::fitted;
+pub use super::fitted::{FittedMotion, MotionModel, Rival};
+use super::free::{free_about, free_alone, is_searched};
 use super::mixture::inlier_probability;
 use super::precession::PrecessionFit;
 use super::robust::{RobustEstimator, SpinConfig, TIE_MARGIN};
 use super::summary::SpinSummary;
 use super::{Fit, MIN_FRAMES, Measurement, SpinRejection, check};
-use crate::error::Error;
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::Vec3;
 
 /// Orientations, the middle ones, in which a precession that is not asked for must show: a minute at 300 frames per second. One that
 /// does not turns the spin's axis by less than some thousandths of a degree per second.
 const SEARCHED: usize = 16_384;
-
-/// How a ball is taken to move.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum MotionModel {
-    /// As the evidence says.
-    #[default]
-    Auto,
-    /// At one spin.
-    Constant,
-    /// At a spin that the air slows down.
-    Decaying,
-    /// As an uneven ball without torque but that of the air.
-    Precessing,
-}
-
-impl MotionModel {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Auto, Self::Constant, Self::Decaying, Self::Precessing];
-
-    /// As written in files and on the command line.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::Constant => "constant",
-            Self::Decaying => "decaying",
-            Self::Precessing => "precessing",
-        }
-    }
-}
-
-impl std::fmt::Display for MotionModel {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.pad(self.as_str())
-    }
-}
-
-impl std::str::FromStr for MotionModel {
-    type Err = Error;
-
-    fn from_str(name: &str) -> crate::error::Result<Self> {
-        crate::error::by_name(&Self::ALL, Self::as_str, "model", name)
-    }
-}
-
-/// A motion, as fitted.
-// One a sequence: a kilobyte is less trouble than a box.
-#[allow(clippy::large_enum_variant)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum FittedMotion {
-    /// At one spin.
-    Constant(Fit),
-    /// At a spin that decays.
-    Decaying(DecayFit),
-    /// Precessing.
-    Precessing(PrecessionFit),
-}
-
-impl FittedMotion {
-    /// Which one it is; never [`MotionModel::Auto`].
-    pub fn model(&self) -> MotionModel {
-        match self {
-            Self::Constant(_) => MotionModel::Constant,
-            Self::Decaying(_) => MotionModel::Decaying,
-            Self::Precessing(_) => MotionModel::Precessing,
-        }
-    }
-
-    /// The orientation at `time_s`, pattern to camera.
-    pub fn predict(&self, time_s: f64) -> Rotation {
-        match self {
-            Self::Constant(fit) => fit.motion.at(time_s),
-            Self::Decaying(fit) => fit.motion.at(time_s),
-            Self::Precessing(fit) => fit.motion.at(time_s),
-        }
-    }
-
-    /// The spin at `time_s`, the mean one of a ball that precesses, with its covariance, and the orientation then.
-    pub fn at(&self, time_s: f64) -> Fit {
-        match self {
-            Self::Constant(fit) => Fit {
-                motion: fit.motion.rebased(time_s),
-                ..*fit
-            },
-            Self::Decaying(fit) => fit.at(time_s),
-            Self::Precessing(fit) => fit.mean_at(time_s),
-        }
-    }
-
-    /// Rate at which the spin decays, 1/s; 0 for a constant one.
-    pub fn decay_per_s(&self) -> f64 {
-        match self {
-            Self::Constant(_) => 0.0,
-            Self::Decaying(fit) => fit.motion.decay_per_s,
-            Self::Precessing(fit) => fit.motion.decay_per_s,
-        }
-    }
-
-    /// The rotation that is fixed in the ball at `time_s`, pattern frame, rad/s; 0 without a precession.
-    pub fn body_rate(&self, time_s: f64) -> Vec3 {
-        match self {
-            Self::Precessing(fit) => fit.motion.rebased(time_s).body_rate,
-            Self::Constant(_) | Self::Decaying(_) => Vec3::zeros(),
-        }
-    }
-}
-
-/// What became of a motion beyond the constant spin.
-#[allow(clippy::large_enum_variant)]
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Rival<F> {
-    /// It was not asked for.
-    NotFitted,
-    /// The orientations do not determine it: a ball that hardly turns, a short sequence.
-    Open,
-    /// The fit, with evidence or without.
-    Fitted(F),
-}
-
-impl<F> Rival<F> {
-    fn of(fit: Option<F>) -> Self {
-        fit.map_or(Self::Open, Self::Fitted)
-    }
-
-    /// The fit, if there is one.
-    pub fn fit(&self) -> Option<&F> {
-        match self {
-            Self::Fitted(fit) => Some(fit),
-            Self::NotFitted | Self::Open => None,
-        }
-    }
-}
 
 /// The spin of a sequence.
 #[derive(Debug, Clone, PartialEq)]
@@ -261,11 +131,17 @@ impl SpinEstimate {
             } else {
                 model
             };
-            let found = Self::beyond(constant, measurements, model, config)?;
-            let belief = found.belief(measurements, config);
+            let mut found = Self::beyond(constant, measurements, model, config)?;
+            let mut belief = found.belief(measurements, config);
+            if belief.check().is_ok() && start.is_none() {
+                found.free(measurements, model, config, &mut belief);
+            }
             Ok((found, belief))
         });
-        let mut found = found?;
+        let mut found = match found {
+            Err(rejection) => Self::pushed(rejection, room.taken(measurements), model, config)?,
+            Ok(found) => found,
+        };
         let Reading {
             clock,
             measurements,
@@ -279,6 +155,64 @@ impl SpinEstimate {
         Ok(found)
     }
 
+    /// Takes the free motion about the one that was found, where it is asked for or has the evidence.
+    fn free(
+        &mut self,
+        measurements: &[Measurement],
+        model: MotionModel,
+        config: &SpinConfig,
+        belief: &mut Belief,
+    ) {
+        let is_asked_for = model == MotionModel::Free;
+        if !(is_asked_for || model == MotionModel::Auto && is_searched(measurements)) {
+            return;
+        }
+        let Some(free) = free_about(measurements, &self.motion, config) else {
+            return;
+        };
+        if is_asked_for || free.ln_bayes_factor > TIE_MARGIN {
+            belief.motion += free.ln_bayes_factor.max(0.0);
+            belief.along_over_across = free.along_over_across(measurements);
+            self.motion = FittedMotion::Free(free);
+        }
+    }
+
+    /// The free motion where no steady one holds and nothing is known to be wrong with the times.
+    fn pushed(
+        rejection: SpinRejection,
+        measurements: &[Measurement],
+        model: MotionModel,
+        config: &SpinConfig,
+    ) -> Result<Self, SpinRejection> {
+        let is_wanted = match model {
+            MotionModel::Auto => is_searched(measurements),
+            model => model == MotionModel::Free,
+        };
+        let is_ordered = |r: &SpinRejection| {
+            !matches!(
+                r,
+                SpinRejection::NotAtTheseTimes {
+                    in_order_rps: Some(_),
+                    ..
+                }
+            )
+        };
+        if !is_wanted || !rejection.is_no_spin() || !is_ordered(&rejection) {
+            return Err(rejection);
+        }
+        let free = free_alone(measurements, config).ok_or(rejection)?;
+        Ok(Self {
+            motion: FittedMotion::Free(free),
+            constant: None,
+            decaying: Rival::NotFitted,
+            precessing: Rival::NotFitted,
+            clock: Clock::default(),
+            mended: None,
+            span_s: span_s(measurements),
+            window: config.window,
+        })
+    }
+
     /// How far the motion is believed.
     fn belief(&self, measurements: &[Measurement], config: &SpinConfig) -> Belief {
         let at_first = self.at(self.span_s[0]);
@@ -288,6 +222,8 @@ impl SpinEstimate {
             FittedMotion::Constant(fit) => Belief::of(measurements, &fit.motion, known, config),
             FittedMotion::Decaying(fit) => Belief::of(measurements, &fit.motion, known, config),
             FittedMotion::Precessing(fit) => Belief::of(measurements, &fit.motion, known, config),
+            // It is judged by its own evidence.
+            FittedMotion::Free(fit) => Belief::of(measurements, &fit.mean.motion, known, config),
         }
     }
 
@@ -371,6 +307,14 @@ impl SpinEstimate {
         self.motion.at(time_s)
     }
 
+    /// The spin that sums the sequence up: that in the middle, of a free motion the mean over the time.
+    pub fn overall(&self) -> Fit {
+        match &self.motion {
+            FittedMotion::Free(fit) => fit.mean,
+            _ => self.at(self.middle_s()),
+        }
+    }
+
     /// For each of the measurements the probability that it is an inlier.
     pub fn inlier_probabilities(&self, measurements: &[Measurement]) -> Vec<f64> {
         let sigma_rad = self.at(self.span_s[0]).sigma_rad.unwrap_or_default();
@@ -390,28 +334,35 @@ impl SpinEstimate {
         all
     }
 
-    /// What the `measurements`, which come from `frames` frames, say of the spin at `time_s`.
+    /// What the `measurements`, which come from `frames` frames, say of the spin at `time_s`, without one of [`Self::overall`].
     pub fn summary(
         &self,
         measurements: &[Measurement],
-        time_s: f64,
+        time_s: impl Into<Option<f64>>,
         config: &AliasConfig,
         frames: usize,
     ) -> SpinSummary {
-        let fit = self.at(time_s);
+        let fit = match time_s.into() {
+            Some(time_s) => self.at(time_s),
+            None => self.overall(),
+        };
+        let time_s = fit.motion.time_s;
         let orientations = measurements.len();
         let measurements = self.followed(measurements);
         let mut summary = match &self.motion {
             FittedMotion::Constant(_) => SpinSummary::new(measurements, &fit, config, frames),
-            // A decaying spin has its aliases only while it is nearly constant.
-            FittedMotion::Decaying(_) => {
+            // A spin that changes has its aliases only while it is nearly constant.
+            FittedMotion::Decaying(_) | FittedMotion::Free(_) => {
                 let after = measurements.partition_point(|m| m.time_s < time_s);
                 let count = self.window.min(measurements.len());
                 let from = after
                     .saturating_sub(count / 2)
                     .min(measurements.len() - count);
                 let part = &measurements[from..from + count];
-                SpinSummary::new(part, &fit, config, frames)
+                SpinSummary {
+                    fit,
+                    ..SpinSummary::new(part, &self.at(time_s), config, frames)
+                }
             }
             FittedMotion::Precessing(precession) => SpinSummary {
                 fit,

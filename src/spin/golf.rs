@@ -12,9 +12,9 @@
 //!
 //! ```
 //! use spindoe::geometry::Vec3;
-//! use spindoe::spin::golf::{Flight, GolfSpin};
+//! use spindoe::spin::golf::{Flight, GolfSpin, SpinType};
 //!
-//! let spin = GolfSpin::new(&Vec3::new(0.0, -20.0, 300.0), None, Flight::Right);
+//! let spin = GolfSpin::new(&Vec3::new(0.0, -20.0, 300.0), None, Flight::Right, SpinType::Measured);
 //! assert!((spin.backspin_rpm - 2864.8).abs() < 0.1 && (spin.sidespin_rpm - 191.0).abs() < 0.1);
 //! assert!((spin.tilt_deg - 3.81).abs() < 0.01);
 //! ```
@@ -102,6 +102,27 @@ impl std::str::FromStr for Flight {
     }
 }
 
+/// How a spin is known, as launch monitors say it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SpinType {
+    /// Three orientations or more agree on it, and odds of 20 to 1 or better exclude any other spin and any other order of the images.
+    Measured,
+    /// It rests on an assumption: that two orientations are right which nothing checks, that the slowest of several spins is the
+    /// ball's, or that the likeliest of several orders of the images is theirs.
+    Estimated,
+}
+
+impl SpinType {
+    /// The word in JSON and Python.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Estimated => "estimated",
+        }
+    }
+}
+
 /// A spin in golf's words.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct GolfSpin {
@@ -117,11 +138,18 @@ pub struct GolfSpin {
     pub tilt_deg: f64,
     /// Standard deviations of backspin and sidespin, rpm, where the spin has a covariance.
     pub std_rpm: Option<[f64; 2]>,
+    /// Whether it is measured or estimated.
+    pub spin_type: SpinType,
 }
 
 impl GolfSpin {
     /// The words for a spin (camera frame, rad/s) with its covariance.
-    pub fn new(spin: &Vec3, covariance: Option<&Matrix3<f64>>, flight: Flight) -> Self {
+    pub fn new(
+        spin: &Vec3,
+        covariance: Option<&Matrix3<f64>>,
+        flight: Flight,
+        spin_type: SpinType,
+    ) -> Self {
         let rpm = 60.0 / TAU;
         let (along, up) = (flight.direction(), flight.up());
         let right = along.cross(&up);
@@ -137,6 +165,7 @@ impl GolfSpin {
             rifle_rpm: rpm * spin.dot(&along),
             tilt_deg: sidespin_rpm.atan2(backspin_rpm).to_degrees(),
             std_rpm: covariance.map(std),
+            spin_type,
         }
     }
 }
@@ -152,11 +181,11 @@ mod tests {
             // Backspin: the top, at `up`, moves against the flight.
             let lifting = up.cross(&along) * -100.0;
             assert!(lifting.cross(&up).dot(&along) < 0.0);
-            let words = GolfSpin::new(&lifting, None, flight);
+            let words = GolfSpin::new(&lifting, None, flight, SpinType::Measured);
             assert!(words.backspin_rpm > 900.0 && words.sidespin_rpm.abs() < 1e-9);
             // The air's force is along w x v: up with backspin, to the right with positive sidespin.
             assert!(lifting.cross(&along).dot(&up) > 0.0);
-            let words = GolfSpin::new(&(up * -100.0), None, flight);
+            let words = GolfSpin::new(&(up * -100.0), None, flight, SpinType::Measured);
             let force = (up * -100.0).cross(&along);
             let right = along.cross(&up);
             assert!(words.sidespin_rpm > 900.0 && force.dot(&right) > 0.0);

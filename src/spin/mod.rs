@@ -19,7 +19,7 @@
 //! The other modules: [`orientations`] is the file that they read, [`alias`] lists the spins that
 //! the sampling cannot distinguish, [`summary`] says all of a sequence at once; [`windows`] and
 //! [`decay`] (with the theory in [`air`]) follow a spin through a long sequence, [`precession`] that
-//! of an uneven ball, and [`estimate`] takes the motion for which there is evidence; [`pair`] is the spin of two orientations, [`golf`] says a spin in golf's words; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
+//! of an uneven ball, [`free`] that of one that is pushed, and [`estimate`] takes the motion for which there is evidence; [`pair`] is the spin of two orientations, [`golf`] says a spin in golf's words; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
 //! published ones.
 //!
 //! Not guaranteed, by any estimator: that aliases, spins which agree at all the given times, are
@@ -31,6 +31,7 @@ pub mod clock;
 pub mod decay;
 pub mod estimate;
 pub mod evidence;
+pub mod free;
 pub mod golf;
 pub mod motion;
 pub mod orientations;
@@ -49,6 +50,7 @@ mod angles;
 mod belief;
 mod chance;
 mod config;
+mod fitted;
 mod mixture;
 mod search;
 mod widening;
@@ -56,7 +58,7 @@ mod widening;
 use nalgebra::Matrix3;
 
 use crate::error::Error;
-use crate::geometry::Rotation;
+use crate::geometry::{Rotation, Vec3};
 use motion::ConstantSpin;
 
 /// Minimum number of orientations that determine a spin and check it: two determine it, the third
@@ -82,6 +84,8 @@ pub const DEFAULT_CONFIDENCE: f64 = 0.9;
 
 /// The two-sided 95 % quantile of the standard normal distribution.
 const Z95: f64 = 1.959_963_984_540_054;
+/// That of the chi-square distribution with three degrees of freedom.
+const CHI2_95: f64 = 7.814_727_903_251_178;
 
 /// A range of values.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -146,6 +150,16 @@ pub struct Fit {
 }
 
 impl Fit {
+    /// Whether the spin's 95 % region holds none at all: then it has no axis.
+    pub fn is_at_rest(&self) -> bool {
+        let spin = self.motion.spin;
+        let covariance = self.spin_covariance.and_then(|c| c.cholesky());
+        match covariance {
+            Some(covariance) => spin.dot(&covariance.solve(&spin)) < CHI2_95,
+            None => spin == Vec3::zeros(),
+        }
+    }
+
     /// The same in another camera frame, which `turn` leads to.
     #[must_use]
     pub fn turned(mut self, turn: &Rotation) -> Self {

@@ -8,7 +8,9 @@
 //! Sequence number `i` of a seed is drawn from stream `i` of a ChaCha8 generator with that seed, so
 //! it is the same whichever thread draws it, and whatever others are drawn.
 
-use nalgebra::Matrix3;
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix3, Vector2};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -16,7 +18,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::Measurement;
 pub use super::motion::decayed_time;
 use super::motion::{ConstantSpin, PrecessingSpin};
-use super::shared::SharedError;
+use super::shared::{SharedError, ViewTurn};
 use crate::error::{Error, Result, require};
 use crate::geometry::{Rotation, Vec3, random_direction, random_rotation};
 
@@ -82,6 +84,8 @@ pub struct DrawnScenario {
     pub decay_per_s: f64,
     /// The rotation that is fixed in the ball over that fixed in space.
     pub body_share: f64,
+    /// Without the errors that frames share.
+    pub exact_dots: bool,
 }
 
 /// A sequence of a [`DrawnScenario`].
@@ -101,14 +105,8 @@ impl DrawnScenario {
     /// Sequence number `index` of `seed`.
     pub fn sequence(&self, seed: u64, index: u64) -> DrawnSequence {
         let mut rng = stream(seed, index);
-        let sigma_rad = rng.random_range(0.4f64..2.0).to_radians();
-        let shared = SharedError {
-            sigma_rad: rng.random_range(0.1f64..0.8).to_radians(),
-            correlation_rad: 0.7,
-            turn_rate_covariance: Matrix3::zeros(),
-        };
-        let field = SharedField::random(&shared, &mut rng);
-        let rate = std::f64::consts::TAU * rng.random_range(1.0..100.0);
+        let (sigma_rad, shared, field) = drawn_errors(self.exact_dots, &mut rng);
+        let rate = TAU * rng.random_range(1.0..100.0);
         let truth = PrecessingSpin {
             space: ConstantSpin {
                 time_s: 0.0,
@@ -118,31 +116,173 @@ impl DrawnScenario {
             body_rate: random_direction(&mut rng) * (rate * self.body_share),
             decay_per_s: self.decay_per_s,
         };
-        let mut measurements = Vec::with_capacity(self.frames);
-        for k in 0..self.frames {
+        let seen = (0..self.frames).map(|k| {
             let time_s = k as f64 / super::DEFAULT_FPS;
-            let seen = truth.at(time_s);
-            let drawn = field.at(&(seen.inverse() * Vec3::z()));
-            let sigma_scale = (0.3 * normal(&mut rng)).exp();
-            let noise = Vec3::from_fn(|_, _| normal(&mut rng)) * (sigma_rad * sigma_scale);
-            let stray = random_rotation(&mut rng);
-            let is_wrong = rng.random::<f64>() < 0.07;
-            let is_missing = rng.random::<f64>() < 0.1;
-            let real = Rotation::from_scaled_axis(noise) * seen * Rotation::from_scaled_axis(drawn);
-            if !is_missing {
-                measurements.push(Measurement {
-                    sigma_scale,
-                    ..Measurement::new(time_s, if is_wrong { stray } else { real })
-                });
-            }
-        }
+            (time_s, truth.at(time_s))
+        });
         DrawnSequence {
             truth,
-            measurements,
+            measurements: drawn(seen, sigma_rad, &field, &mut rng),
             sigma_rad,
             shared,
         }
     }
+}
+
+impl DrawnSequence {
+    /// The same ball as it crosses the picture of a camera that is not known: its orientations were brought into one view frame by turns of
+    /// 5 to 25 deg over the time, of which the error is known to be 10 to 40 %.
+    #[must_use]
+    pub fn crossing(mut self, seed: u64, index: u64) -> Self {
+        let mut rng = stream(seed, index);
+        let whole_rad = rng.random_range(5f64..25.0).to_radians();
+        let (sin, cos) = rng.random_range(0.0..TAU).sin_cos();
+        let share = rng.random_range(0.1..0.4);
+        let error = share * normal(&mut rng);
+        let times = self.measurements.iter().map(|m| m.time_s);
+        let last_s = times.fold(f64::MIN_POSITIVE, f64::max);
+        let turn_rad = |time_s: f64| {
+            // Of the tangent of the ball's direction, as its place in the picture.
+            let aside = (time_s / last_s - 0.5) * whole_rad.tan();
+            Vector2::new(cos, sin) * aside.atan()
+        };
+        for m in &mut self.measurements {
+            let off = turn_rad(m.time_s) * error;
+            let off = Rotation::from_scaled_axis(Vec3::new(off.x, off.y, 0.0));
+            m.orientation = off * m.orientation;
+        }
+        let turns = self.measurements.iter().map(|m| {
+            let turn_rad = turn_rad(m.time_s);
+            let deviation_rad = turn_rad * share;
+            let turn = ViewTurn {
+                turn_rad,
+                deviation_rad,
+            };
+            (m.time_s, turn)
+        });
+        self.shared = SharedError::with_turns(Some(self.shared), turns).unwrap_or(self.shared);
+        self
+    }
+}
+
+/// A ball that is pushed: 0.2 to 3 revolutions per second at 60 frames per second, and three swings of its spin with periods of
+/// 0.5 to 4 seconds, each of up to half the spin in any direction; seen as in a [`DrawnScenario`].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PushedScenario {
+    /// Frames taken.
+    pub frames: usize,
+    /// Without the errors that frames share.
+    pub exact_dots: bool,
+}
+
+/// A sequence of a [`PushedScenario`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct PushedSequence {
+    /// A spin, and the amplitude, frequency in rad/s and phase of each of its swings.
+    swings: (Vec3, [(Vec3, f64, f64); SWINGS]),
+    /// As in a [`DrawnSequence`].
+    pub measurements: Vec<Measurement>,
+    /// Noise of a typical frame per axis, radians.
+    pub sigma_rad: f64,
+    /// The error that the frames share.
+    pub shared: SharedError,
+}
+
+/// Swings of a pushed ball's spin, the camera's rate, and steps of a frame in which its turns are added up.
+const SWINGS: usize = 3;
+const PUSHED_FPS: f64 = 60.0;
+const SUBSTEPS: usize = 32;
+
+impl PushedScenario {
+    /// Sequence number `index` of `seed`.
+    pub fn sequence(&self, seed: u64, index: u64) -> PushedSequence {
+        let mut rng = stream(seed, index);
+        let (sigma_rad, shared, field) = drawn_errors(self.exact_dots, &mut rng);
+        let rate = TAU * rng.random_range(0.2..3.0);
+        let spin = random_direction(&mut rng) * rate;
+        let swing = |rng: &mut ChaCha8Rng| {
+            let amplitude = random_direction(rng) * (rate * rng.random_range(0.0..0.5));
+            let frequency = TAU / rng.random_range(0.5..4.0);
+            (amplitude, frequency, rng.random_range(0.0..TAU))
+        };
+        let swings = [(); SWINGS].map(|()| swing(&mut rng));
+        let mut sequence = PushedSequence {
+            swings: (spin, swings),
+            measurements: Vec::new(),
+            sigma_rad,
+            shared,
+        };
+        let mut orientation = random_rotation(&mut rng);
+        let seen = (0..self.frames).map(|k| {
+            let time_s = k as f64 / PUSHED_FPS;
+            let now = orientation;
+            let step_s = 1.0 / (PUSHED_FPS * SUBSTEPS as f64);
+            for i in 0..SUBSTEPS {
+                let middle_s = time_s + (i as f64 + 0.5) * step_s;
+                let turn = sequence.spin(middle_s) * step_s;
+                orientation = Rotation::from_scaled_axis(turn) * orientation;
+            }
+            (time_s, now)
+        });
+        let seen: Vec<(f64, Rotation)> = seen.collect();
+        sequence.measurements = drawn(seen.into_iter(), sigma_rad, &field, &mut rng);
+        sequence
+    }
+}
+
+impl PushedSequence {
+    /// The true spin at a time, rad/s.
+    pub fn spin(&self, time_s: f64) -> Vec3 {
+        let (spin, swings) = &self.swings;
+        let swing = |(a, f, phase): &(Vec3, f64, f64)| a * (f * time_s + phase).sin();
+        spin + swings.iter().map(swing).sum::<Vec3>()
+    }
+
+    /// The true mean spin between two times, rad/s.
+    pub fn mean_spin(&self, [from_s, to_s]: [f64; 2]) -> Vec3 {
+        let (spin, swings) = &self.swings;
+        let swing = |(a, f, phase): &(Vec3, f64, f64)| {
+            let [from, to] = [from_s, to_s].map(|t| (f * t + phase).cos());
+            a * ((from - to) / (f * (to_s - from_s)))
+        };
+        spin + swings.iter().map(swing).sum::<Vec3>()
+    }
+}
+
+/// The noise of a sequence of drawn dots, and the error that its frames share.
+fn drawn_errors(exact_dots: bool, rng: &mut ChaCha8Rng) -> (f64, SharedError, SharedField) {
+    let sigma_rad = rng.random_range(0.4f64..2.0).to_radians();
+    let off_rad = rng.random_range(0.1f64..0.8).to_radians();
+    let shared = SharedError {
+        sigma_rad: if exact_dots { 0.0 } else { off_rad },
+        correlation_rad: 0.7,
+        turn_rate_covariance: Matrix3::zeros(),
+    };
+    let field = SharedField::random(&shared, rng);
+    (sigma_rad, shared, field)
+}
+
+/// What is measured of true orientations at their times.
+fn drawn(
+    seen: impl Iterator<Item = (f64, Rotation)>,
+    sigma_rad: f64,
+    field: &SharedField,
+    rng: &mut ChaCha8Rng,
+) -> Vec<Measurement> {
+    let measured = seen.filter_map(|(time_s, seen)| {
+        let drawn = field.at(&(seen.inverse() * Vec3::z()));
+        let sigma_scale = (0.3 * normal(rng)).exp();
+        let noise = Vec3::from_fn(|_, _| normal(rng)) * (sigma_rad * sigma_scale);
+        let stray = random_rotation(rng);
+        let is_wrong = rng.random::<f64>() < 0.07;
+        let is_missing = rng.random::<f64>() < 0.1;
+        let real = Rotation::from_scaled_axis(noise) * seen * Rotation::from_scaled_axis(drawn);
+        (!is_missing).then_some(Measurement {
+            sigma_scale,
+            ..Measurement::new(time_s, if is_wrong { stray } else { real })
+        })
+    });
+    measured.collect()
 }
 
 /// A draw of the errors that frames share ([`SharedError`]): a smooth random field of vectors over the sides of the ball, by random
@@ -159,7 +299,7 @@ impl SharedField {
         let scale = shared.sigma_rad * (2.0 / FEATURES as f64).sqrt();
         let wave = |rng: &mut R| {
             let vector = Vec3::from_fn(|_, _| normal(rng)) / shared.correlation_rad;
-            let phase = rng.random_range(0.0..std::f64::consts::TAU);
+            let phase = rng.random_range(0.0..TAU);
             let amplitude = Vec3::from_fn(|_, _| normal(rng)) * scale;
             (vector, phase, amplitude)
         };
@@ -269,7 +409,7 @@ impl Scenario {
     pub fn sequence(&self, rps: (f64, f64), seed: u64, index: u64) -> Sequence {
         let mut rng = stream(seed, index);
         let magnitude = rps.0 + (rps.1 - rps.0) * rng.random::<f64>();
-        let spin = random_direction(&mut rng) * (magnitude * std::f64::consts::TAU);
+        let spin = random_direction(&mut rng) * (magnitude * TAU);
         self.simulate(spin, &mut rng)
     }
 }

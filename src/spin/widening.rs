@@ -127,11 +127,9 @@ pub(super) fn widened<M: Motion<P>, const P: usize>(
             ..*covariance
         };
     }
-    let basis = at.motion.local_frame().basis;
-    let turning = basis.transpose() * shared.turn_rate_covariance * basis;
-    let mut spin = widened.rates.fixed_view_mut::<3, 3>(0, 0);
-    spin += turning;
-    spin[(2, 2)] += clock;
+    let by_turning = at.motion.by_turning();
+    widened.rates += by_turning * shared.turn_rate_covariance * by_turning.transpose();
+    widened.rates[(2, 2)] += clock;
     Some((widened, lack_of_fit))
 }
 

@@ -8,7 +8,7 @@ use spindoe::clip::{
 };
 use spindoe::geometry::{CameraFrame, Rotation, Vec3};
 use spindoe::pattern::Pattern;
-use spindoe::spin::golf::Flight;
+use spindoe::spin::golf::{Flight, SpinType};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::background::Background;
 use spindoe::synth::dataset::{BallTruth, ClipConfig, Sequence, frame_rng, strobed_frame};
@@ -225,7 +225,7 @@ fn all_images_of_an_exposure_are_found_and_their_spin_is_right() {
     let all = BallsEstimator::new(estimators(std::slice::from_ref(&pattern)), None).unwrap();
     let single = estimators(std::slice::from_ref(&pattern)).remove(0);
     let mut ws = all.workspace().unwrap();
-    let (mut images, mut posed, mut right, mut among) = (0, 0, 0, 0);
+    let (mut images, mut posed, mut right, mut among, mut measured) = (0, 0, 0, 0, 0);
     for k in 0..12 {
         let frame = strobed_frame(&pattern, &config, &strobe, 77, k).unwrap();
         let truth = &frame.truth.balls;
@@ -277,6 +277,17 @@ fn all_images_of_an_exposure_are_found_and_their_spin_is_right() {
                     .is_some_and(|w| (w - spin).norm() < 0.08 * spin.norm() + 10.0)
             };
             right += usize::from(read.first().is_some_and(is_right) && given.is_some());
+            for hypothesis in &read {
+                let Some(golf) = hypothesis.golf(CameraFrame::View) else {
+                    continue;
+                };
+                // What is called measured is right, and has nothing beside it.
+                if golf.spin_type == SpinType::Measured {
+                    assert!(is_right(hypothesis), "{hypothesis:?}");
+                    assert!(hypothesis.lit.len() == 3 && hypothesis.probability > 0.95);
+                    measured += usize::from(given.is_some());
+                }
+            }
         }
     }
     assert!(
@@ -288,6 +299,7 @@ fn all_images_of_an_exposure_are_found_and_their_spin_is_right() {
         among >= 11,
         "the right direction is among the hypotheses of {among} of 12 exposures"
     );
+    assert!(measured >= 9, "{measured} of 12 spins are measured");
 }
 
 #[test]
@@ -355,6 +367,13 @@ fn two_images_without_a_direction_leave_both() {
         (a + b).norm() < 0.01 * a.norm(),
         "{a} and {b} are not opposite"
     );
+    // Nothing checks two images, whether their order is given or not.
+    let one = read(&times, Some(both[0].flight));
+    assert_eq!(one.len(), 1);
+    for hypothesis in both.iter().chain(&one) {
+        let golf = hypothesis.golf(CameraFrame::View).unwrap();
+        assert_eq!(golf.spin_type, SpinType::Estimated);
+    }
     // Many circles that come first hide no image with a pose.
     let aside = |k: usize| {
         let mut frame = FrameEstimate::default();
@@ -485,6 +504,7 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
         best["golf"]["backspin_rpm"].as_f64().unwrap() > 1_000.0,
         "{best}"
     );
+    assert_eq!(best["golf"]["spin_type"], "measured", "{best}");
     assert_eq!(json["frames"][0]["balls"].as_array().unwrap().len(), 3);
     // 194 rps: without golf's limit there is no spin, and no faster one is given for it.
     let limited: serde_json::Value =

@@ -154,7 +154,7 @@ pub struct Arguments {
     #[arg(long, requires = "strobe_ms")]
     golf: bool,
     /// How the ball moves: at a constant or a decaying spin, precessing as an uneven ball does (the spin reported is then the mean
-    /// one), or auto, the one of these for which there is evidence. The spin is that in the middle of the clip.
+    /// one), free, as one that is pushed (the spin is then the mean over the time), or auto, the one of these for which there is evidence. The spin is that in the middle of the clip.
     #[arg(
         long,
         value_parser = one_of(&MotionModel::ALL, MotionModel::as_str),

@@ -190,7 +190,11 @@ impl<'a> Report<'a> {
     pub fn spin(&self) -> Option<Result<(SpinSummary, FittedMotion), SpinRejection>> {
         let turned = |(summary, motion): &(SpinSummary, Motion)| {
             let summary = summary.clone().turned(&self.frame.turn());
-            (summary, motion.estimate.motion)
+            let motion = match motion.estimate.motion.clone() {
+                FittedMotion::Free(fit) => FittedMotion::Free(fit.turned(&self.frame.turn())),
+                other => other,
+            };
+            (summary, motion)
         };
         let spin = self.spin.as_ref()?;
         Some(spin.as_ref().map(turned).map_err(|rejection| *rejection))

@@ -34,6 +34,7 @@ function turned(vector) {
 
 /** The orientation that a spin predicts at a time: exp(p tau) R exp(q tau), q fixed in the ball, on the clock of its decay. */
 function predicted(spin, time) {
+  if (spin.over_time) return predictedFree(spin.over_time, time);
   const start = fromQuaternion(spin.orientation_wxyz),
     c = spin.decay_per_s,
     t = time - spin.time_s,
@@ -46,6 +47,19 @@ function predicted(spin, time) {
     multiply(turned(p.map((x) => x * tau)), start),
     turned(q.map((x) => x * tau)),
   );
+}
+/** The same of a free motion: between two times the spin is a straight line. */
+function predictedFree(knots, time) {
+  const after = knots.findIndex((k) => k.time_s > time),
+    at = after < 0 ? knots.length - 1 : Math.max(0, after - 1),
+    a = knots[at],
+    start = fromQuaternion(a.orientation_wxyz);
+  if (after <= 0) return multiply(turned(a.spin_rad_s.map((c) => c * (time - a.time_s))), start);
+  const b = knots[after],
+    dt = b.time_s - a.time_s,
+    share = (time - a.time_s) / dt,
+    mean = a.spin_rad_s.map((c, i) => c + 0.5 * share * (b.spin_rad_s[i] - c));
+  return multiply(turned(mean.map((c) => c * share * dt)), start);
 }
 const apart = (a, b) => {
   const m = multiply(a, transpose(b));
@@ -186,7 +200,9 @@ function spinSection(d) {
       "spin",
       "The spin",
       `${FRAMES[d.camera_frame]}, right-hand rule: a positive component turns counter-clockwise seen from that axis' tip. ` +
-        `The motion is ${s.motion}; the spin is that at ${fixed(s.time_s, 4)} s.` +
+        (s.over_time
+          ? `The ball is pushed: the motion is free, and the spin is its mean over the time.`
+          : `The motion is ${s.motion}; the spin is that at ${fixed(s.time_s, 4)} s.`) +
         (s.lack_of_fit
           ? ` Parts of the sequence differ ${fixed(Math.sqrt(s.lack_of_fit), 1)} times as much as their noise explains; the deviations count it.`
           : ""),
@@ -213,6 +229,28 @@ function spinSection(d) {
       ],
     ),
   );
+  if (s.over_time)
+    node.append(
+      curves({
+        title: "Spin over time",
+        x: { label: "time [ms]" },
+        y: { label: "spin [rps]", low: 0 },
+        series: [
+          { name: "spin", color: "var(--c0)", marks: false, f: (k) => k.rps },
+          { name: "95 % band", color: "var(--c1)", marks: false, f: (k) => k.rps + 1.96 * k.std_rps },
+          {
+            name: "",
+            color: "var(--c1)",
+            marks: false,
+            silent: true,
+            f: (k) => Math.max(0, k.rps - 1.96 * k.std_rps),
+          },
+        ].map(({ f, ...line }) => ({
+          ...line,
+          points: s.over_time.map((k) => ({ x: 1e3 * (k.time_s - s.over_time[0].time_s), y: f(k) })),
+        })),
+      }),
+    );
   if (s.alternatives.length)
     node.append(
       el("h3", { text: "Other spins that these times cannot tell from it" }),

@@ -12,6 +12,7 @@ use crate::geometry::{CameraFrame, Rotation, to_wxyz};
 use crate::pattern::Pattern;
 use crate::spin::SpinRejection;
 use crate::spin::estimate::FittedMotion;
+use crate::spin::free::Knot;
 use crate::spin::orientations::Orientations;
 use crate::spin::robust::standard_deviations;
 use crate::spin::summary::SpinSummary;
@@ -66,7 +67,33 @@ pub struct PageSpin {
     decay_per_s: f64,
     /// The rotation that is fixed in the ball at that time, pattern frame.
     body_rate_rad_s: [f64; 3],
+    /// The spin over time, of a free motion; what is said of the spin is then the mean.
+    over_time: Option<Vec<PageKnot>>,
     alternatives: Vec<PageAlternative>,
+}
+
+/// A free motion at a time.
+#[derive(Debug, Serialize)]
+struct PageKnot {
+    time_s: f64,
+    orientation_wxyz: [f64; 4],
+    spin_rad_s: [f64; 3],
+    rps: f64,
+    std_rps: f64,
+}
+
+impl PageKnot {
+    fn new(knot: &Knot) -> Self {
+        let axis = knot.spin.try_normalize(0.0).unwrap_or_default();
+        let rps = |rad_s: f64| rad_s / std::f64::consts::TAU;
+        Self {
+            time_s: knot.time_s,
+            orientation_wxyz: to_wxyz(&knot.orientation),
+            spin_rad_s: knot.spin.into(),
+            rps: rps(knot.spin.norm()),
+            std_rps: rps(axis.dot(&(knot.spin_covariance * axis)).max(0.0).sqrt()),
+        }
+    }
 }
 
 #[derive(Debug, Serialize)]
@@ -221,6 +248,10 @@ impl PageSpin {
             motion: motion.model().as_str(),
             decay_per_s: motion.decay_per_s(),
             body_rate_rad_s: motion.body_rate(fit.motion.time_s).into(),
+            over_time: match motion {
+                FittedMotion::Free(free) => Some(free.knots.iter().map(PageKnot::new).collect()),
+                _ => None,
+            },
             time_s: fit.motion.time_s,
             orientation_wxyz: to_wxyz(&fit.motion.orientation),
             alternatives: summary

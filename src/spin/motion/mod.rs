@@ -65,6 +65,15 @@ pub(super) trait Motion<const P: usize>: Copy {
     #[must_use]
     fn retract(&self, turn: &Vec3, rates: &SVector<f64, P>) -> Self;
 
+    /// Derivative of the rates by the rate at which the frame of the orientations turns, camera frame: a steady ball seen in it turns
+    /// by as much more.
+    fn by_turning(&self) -> SMatrix<f64, P, 3> {
+        let mut rates = SMatrix::<f64, P, 3>::zeros();
+        let to_local = self.local_frame().basis.transpose();
+        rates.fixed_view_mut::<3, 3>(0, 0).copy_from(&to_local);
+        rates
+    }
+
     /// The rates that may have a prior; 0 for all others.
     fn rates(&self) -> SVector<f64, P> {
         SVector::zeros()

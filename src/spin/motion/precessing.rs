@@ -164,6 +164,20 @@ impl Motion<7> for PrecessingSpin {
         }
     }
 
+    /// A spin `w` seen in a frame that turns at `d` turns itself at `d x w`, as that of a ball in which `-d` is fixed: `p` is then `w + 2 d`.
+    fn by_turning(&self) -> SMatrix<f64, 7, 3> {
+        let mut rates = SMatrix::<f64, 7, 3>::zeros();
+        let to_local = self.local_frame().basis.transpose();
+        let to_body = self.space.orientation.inverse().to_rotation_matrix();
+        rates
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&(to_local * 2.0));
+        rates
+            .fixed_view_mut::<3, 3>(3, 0)
+            .copy_from(&-to_body.matrix());
+        rates
+    }
+
     fn rates(&self) -> SVector<f64, 7> {
         let mut rates = SVector::<f64, 7>::zeros();
         rates.fixed_rows_mut::<3>(3).copy_from(&self.body_rate);

@@ -6,6 +6,7 @@ mod bound;
 mod clock;
 mod decay;
 mod estimators;
+mod free;
 mod lies;
 mod long;
 mod motion;

@@ -17,11 +17,10 @@ use crate::files::csv::shown;
 use crate::geometry::CameraFrame;
 #[cfg(feature = "plot")]
 use crate::plot::OverlayFrame;
-use crate::spin::golf::{Flight, GolfSpin};
+use crate::spin::SpinRejection;
 use crate::spin::orientations::{OrientationRow, OrientationWriter};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
-use crate::spin::{Fit, SpinRejection};
 
 #[cfg(feature = "plot")]
 use crate::clip::batch::TimeSource;
@@ -433,31 +432,28 @@ impl<'a> Report<'a> {
             }
         };
         let flight = hypothesis.flight;
-        let spin = match &hypothesis.spin {
-            Ok((fit, _)) if self.arguments.golf => {
-                let golf = golf(fit, self.shown_in, hypothesis.flight);
+        let golf = hypothesis.golf(self.shown_in);
+        let spin = match (&hypothesis.spin, golf.filter(|_| self.arguments.golf)) {
+            (_, Some(golf)) => {
                 let [back, side] = golf.std_rpm.unwrap_or([f64::NAN; 2]);
                 format!(
-                    "backspin {:.0} +- {back:.0} rpm, sidespin {:.0} +- {side:.0} rpm, tilt {:.1} deg, total {:.0} rpm",
-                    golf.backspin_rpm, golf.sidespin_rpm, golf.tilt_deg, golf.total_rpm
+                    "backspin {:.0} +- {back:.0} rpm, sidespin {:.0} +- {side:.0} rpm, tilt {:.1} deg, total {:.0} rpm, {}",
+                    golf.backspin_rpm,
+                    golf.sidespin_rpm,
+                    golf.tilt_deg,
+                    golf.total_rpm,
+                    golf.spin_type.as_str()
                 )
             }
-            Ok((fit, _)) => {
+            (Ok((fit, _)), None) => {
                 let [x, y, z]: [f64; 3] = fit.motion.spin.into();
                 let rps = fit.motion.rps();
                 format!("spin {rps:.3} rps, [{x:.3}, {y:.3}, {z:.3}] rad/s")
             }
-            Err(rejection) => rejection.to_string(),
+            (Err(rejection), None) => rejection.to_string(),
         };
         format!("flight {flight}, {seen}: {spin}")
     }
-}
-
-/// The words for a spin in the axes of `shown_in`.
-fn golf(fit: &Fit, shown_in: CameraFrame, flight: Flight) -> GolfSpin {
-    // The turn between the axes is its own inverse.
-    let fit = fit.turned(&shown_in.turn());
-    GolfSpin::new(&fit.motion.spin, fit.spin_covariance.as_ref(), flight)
 }
 
 fn table_name(arguments: &Arguments, table: usize) -> String {
@@ -545,7 +541,7 @@ pub(super) fn strobe_json(
                 });
                 json["spin"]["alternatives"] = others.collect();
                 if arguments.golf {
-                    json["golf"] = json!(golf(fit, shown_in, h.flight));
+                    json["golf"] = json!(h.golf(shown_in));
                 }
             }
             Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),

@@ -20,24 +20,23 @@
 //! a million frames to what rounding leaves of their likelihood, some thousandths).
 //! Not guaranteed: that the maximum is the global one; that is the matter of the starts.
 
-use std::f64::consts::{PI, TAU};
+mod noise;
+mod normal;
+
 use std::ops::Range;
 
-use nalgebra::{Cholesky, Const, Matrix3, SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix};
 
 use super::Measurement;
 use super::motion::Motion;
 use crate::geometry::Vec3;
+use noise::posterior;
+pub(super) use noise::{
+    MAX_GAINFUL_VARIANCE, Noise, ROTATION_VOLUME, inlier_probability, ln_likelihood_of_outliers,
+    peak_gain, trusted,
+};
+pub(super) use normal::{Blocks, Normal, RatePrior, Spread};
 
-/// Volume of SO(3) in the measure that is d^3(rotation vector) near the identity.
-pub(super) const ROTATION_VOLUME: f64 = 8.0 * PI * PI;
-/// Confidences are clamped to this distance from 0 and 1: no identifier is calibrated beyond it.
-const CONFIDENCE_LIMIT: f64 = 0.02;
-/// A prediction less certain than this (radians, per axis) is not linear any more: the frame waits.
-const PREDICTION_LIMIT: f64 = 0.35;
-/// The noise is taken to be at most this many times what was expected: a mixture free to widen its
-/// noise accepts any frame as an inlier.
-const MAX_NOISE: f64 = 5.0;
 /// Steps while a fit grows from its first frames to the whole sequence.
 const GROWTH_STEPS: usize = 40;
 /// A step takes in at most so many times the frames of the one before, to either side, and more than
@@ -63,263 +62,12 @@ const FIRST_DAMPING: f64 = 1e-3;
 const LAST_DAMPING: f64 = 1e10;
 /// A change of the objective by less than this fraction is rounding.
 const ROUNDING: f64 = 1e-12;
-/// The spin's least known component is undetermined where its share of the information of the best known
-/// one is below this: frames in step, with whole turns between them. A spin of a day's sequence is
-/// known better.
-const MIN_INFORMATION: f64 = 1e-16;
 /// From so many frames on a motion must explain at least this share of the expected inliers while it is
 /// fitted: else it does not hold, and its steps would only cost time.
 const MANY_FRAMES: usize = 256;
 const MIN_SUPPORT: f64 = 0.25;
 /// A climb may take so many steps with less.
 const PATIENCE: usize = 5;
-
-/// Knowledge of the noise: a scaled inverse chi-squared distribution for its variance.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Noise {
-    /// Noise per axis, radians.
-    pub sigma_rad: f64,
-    /// Weight of the prior, in degrees of freedom; infinite: the noise is known.
-    pub degrees: f64,
-}
-
-impl Noise {
-    /// Noise that is known.
-    pub fn known(sigma_rad: f64) -> Self {
-        Self {
-            sigma_rad,
-            degrees: f64::INFINITY,
-        }
-    }
-
-    /// The noise and its degrees of freedom after `support` inliers with the weighted squared errors
-    /// `squares`, less those that `parameters` took.
-    fn updated(&self, support: f64, squares: f64, parameters: usize) -> (f64, f64) {
-        if self.degrees.is_infinite() {
-            return (self.sigma_rad, self.degrees);
-        }
-        let degrees = self.degrees + (3.0 * support - parameters as f64).max(0.0);
-        let squares = self.degrees * self.sigma_rad.powi(2) + squares;
-        (self.limited((squares / degrees).sqrt()), degrees)
-    }
-
-    /// The noise after `support` inliers with these weighted squared errors across a circle.
-    pub fn of_circle(&self, support: f64, squares: f64) -> f64 {
-        if self.degrees.is_infinite() {
-            return self.sigma_rad;
-        }
-        // Two errors each, less the four numbers of the circle.
-        let degrees = self.degrees + (2.0 * support - 4.0).max(0.0);
-        let squares = self.degrees * self.sigma_rad.powi(2) + squares;
-        self.limited((squares / degrees).sqrt())
-    }
-
-    /// The noise, no larger than is taken to be possible.
-    fn limited(&self, sigma_rad: f64) -> f64 {
-        sigma_rad.min(MAX_NOISE * self.sigma_rad)
-    }
-
-    /// Log-density of the noise, up to a constant, with the likelihood's integral over `parameters`:
-    /// what [`Self::updated`] maximizes together with the likelihood.
-    fn ln_prior(&self, sigma_rad: f64, parameters: usize) -> f64 {
-        if self.degrees.is_infinite() {
-            return 0.0;
-        }
-        let ratio = (self.sigma_rad / sigma_rad).powi(2);
-        0.5 * self.degrees * (ratio.ln() - ratio) + parameters as f64 * sigma_rad.ln()
-    }
-}
-
-/// Independent normal priors of some rates.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct RatePrior<const P: usize> {
-    pub mean: SVector<f64, P>,
-    /// Inverse variances; 0 for a rate without a prior.
-    pub weight: SVector<f64, P>,
-}
-
-impl<const P: usize> RatePrior<P> {
-    /// No prior of any rate.
-    pub fn none() -> Self {
-        Self {
-            mean: SVector::zeros(),
-            weight: SVector::zeros(),
-        }
-    }
-
-    /// Log-density at the rates, up to a constant, and its gradient.
-    fn pull(&self, rates: &SVector<f64, P>) -> (f64, SVector<f64, P>) {
-        let off = self.mean - rates;
-        let gradient = self.weight.component_mul(&off);
-        (-0.5 * off.dot(&gradient), gradient)
-    }
-}
-
-/// How far a motion's predictions are off: the variance of its orientation, and the covariance of its
-/// rates with the mean derivative about which they act.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Spread<const P: usize> {
-    /// Variance per axis at the mean derivative, rad^2.
-    pub level: f64,
-    pub center: SMatrix<f64, 3, P>,
-    /// Covariance of the rates, local frame.
-    pub rates: SMatrix<f64, P, P>,
-}
-
-impl<const P: usize> Spread<P> {
-    /// Variance per axis of the prediction with this derivative, rad^2.
-    fn variance(&self, jacobian: &SMatrix<f64, 3, P>) -> f64 {
-        let off = jacobian - self.center;
-        self.level + (off * self.rates).dot(&off) / 3.0
-    }
-
-    /// Whether a prediction with this variance is good enough for a step.
-    fn is_good(variance: f64) -> bool {
-        variance <= PREDICTION_LIMIT * PREDICTION_LIMIT
-    }
-}
-
-/// A symmetric matrix over a motion's parameters, local frame: a covariance, or an information.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Blocks<const P: usize> {
-    pub turn: Matrix3<f64>,
-    pub both: SMatrix<f64, 3, P>,
-    pub rates: SMatrix<f64, P, P>,
-}
-
-impl<const P: usize> Blocks<P> {
-    /// `None` where it is not positive definite.
-    fn inverse(&self) -> Option<Self> {
-        let turn = self.turn.cholesky()?.inverse();
-        let slope = turn * self.both;
-        let rates = (self.rates - self.both.tr_mul(&slope))
-            .cholesky()?
-            .inverse();
-        let both = -slope * rates;
-        Some(Self {
-            turn: turn - both * slope.transpose(),
-            both,
-            rates,
-        })
-    }
-
-    /// All of it multiplied.
-    pub fn scaled(&self, factor: f64) -> Self {
-        Self {
-            turn: self.turn * factor,
-            both: self.both * factor,
-            rates: self.rates * factor,
-        }
-    }
-
-    /// The covariance of a function of the parameters with these derivatives.
-    pub fn propagated<const D: usize>(
-        &self,
-        by_turn: &SMatrix<f64, D, 3>,
-        by_rates: &SMatrix<f64, D, P>,
-    ) -> SMatrix<f64, D, D> {
-        let mixed = by_turn * self.both * by_rates.transpose();
-        by_turn * self.turn * by_turn.transpose()
-            + mixed
-            + mixed.transpose()
-            + by_rates * self.rates * by_rates.transpose()
-    }
-}
-
-/// The normal equations of a weighted step.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Normal<const P: usize> {
-    weight: f64,
-    jacobian: SMatrix<f64, 3, P>,
-    squared: SMatrix<f64, P, P>,
-    error: Vec3,
-    pull: SVector<f64, P>,
-}
-
-/// A solution of the normal equations.
-struct Step<const P: usize> {
-    turn: Vec3,
-    rates: SVector<f64, P>,
-    /// Square length in standard deviations.
-    length: f64,
-    solved: Cholesky<f64, Const<P>>,
-    center: SMatrix<f64, 3, P>,
-}
-
-impl<const P: usize> Step<P> {
-    /// How far predictions are off after this step of `normal`.
-    fn spread(&self, normal: &Normal<P>, widening: f64) -> Spread<P> {
-        Spread {
-            level: widening / normal.weight,
-            center: self.center,
-            rates: self.solved.inverse() * widening,
-        }
-    }
-}
-
-impl<const P: usize> Normal<P> {
-    pub fn new() -> Self {
-        Self {
-            weight: 0.0,
-            jacobian: SMatrix::zeros(),
-            squared: SMatrix::zeros(),
-            error: Vec3::zeros(),
-            pull: SVector::zeros(),
-        }
-    }
-
-    pub fn add(&mut self, weight: f64, error: &Vec3, jacobian: &SMatrix<f64, 3, P>) {
-        let weighted = jacobian * weight;
-        self.weight += weight;
-        self.error += error * weight;
-        self.jacobian += weighted;
-        self.squared += weighted.tr_mul(jacobian);
-        self.pull += weighted.tr_mul(error);
-    }
-
-    /// Those of the measurements of both.
-    pub fn joined(&self, other: &Self) -> Self {
-        Self {
-            weight: self.weight + other.weight,
-            jacobian: self.jacobian + other.jacobian,
-            squared: self.squared + other.squared,
-            error: self.error + other.error,
-            pull: self.pull + other.pull,
-        }
-    }
-
-    /// What a step without priors takes from the weighted squared errors; `None` where the rates are undetermined.
-    pub fn reduction(&self) -> Option<f64> {
-        let step = self.step(&SVector::zeros(), &RatePrior::none(), 0.0)?;
-        Some(step.length)
-    }
-
-    /// The step with a damping (a share of the diagonal); `None` where the rates are undetermined.
-    fn step(&self, rates: &SVector<f64, P>, prior: &RatePrior<P>, damping: f64) -> Option<Step<P>> {
-        let center = self.jacobian / self.weight;
-        let gradient = self.pull + prior.pull(rates).1 - center.tr_mul(&self.error);
-        let mut information =
-            self.squared + SMatrix::from_diagonal(&prior.weight) - center.tr_mul(&self.jacobian);
-        for i in 0..P {
-            information[(i, i)] *= 1.0 + damping;
-        }
-        let solved = information.cholesky()?;
-        let along = self.squared.diagonal().fixed_rows::<3>(0).max();
-        let known = |i: usize| solved.l_dirty()[(i, i)].powi(2) > MIN_INFORMATION * along;
-        if !(0..3).all(known) {
-            return None;
-        }
-        let change = solved.solve(&gradient);
-        let length = change.dot(&gradient) + self.error.norm_squared() / self.weight;
-        Some(Step {
-            turn: self.error / self.weight - center * change,
-            rates: change,
-            length,
-            solved,
-            center,
-        })
-    }
-}
 
 /// A logarithm of a product whose factors are summed up in few logarithms.
 #[derive(Debug, Clone, Copy)]
@@ -684,41 +432,6 @@ impl<const P: usize> Mixture<'_, P> {
         };
         Some(information.inverse()?.scaled(widening))
     }
-}
-
-/// Probability that a frame with the squared error `square` is an inlier.
-pub(super) fn inlier_probability(confidence: f64, square: f64, variance: f64) -> f64 {
-    posterior(confidence, square, variance).0
-}
-
-/// Probability that a frame with the squared error `square` is an inlier, and the mixture's density.
-fn posterior(confidence: f64, square: f64, variance: f64) -> (f64, f64) {
-    let p = confidence.clamp(CONFIDENCE_LIMIT, 1.0 - CONFIDENCE_LIMIT);
-    let x = TAU * variance;
-    let good = p / (x * x.sqrt()) * (-0.5 * square / variance).exp();
-    let stray = (1.0 - p) / ROTATION_VOLUME;
-    let total = good + stray;
-    (good / total, total)
-}
-
-/// Beyond this variance, rad^2, no agreement is worth anything: [`peak_gain`] at the largest confidence is
-/// 0 at 38.9.
-pub(super) const MAX_GAINFUL_VARIANCE: f64 = 39.0;
-
-/// `ln( p N(0; 0, v I) / ((1-p) / 8 pi^2) )`: what an exact agreement is worth.
-pub(super) fn peak_gain(confidence: f64, variance: f64) -> f64 {
-    let p = confidence.clamp(CONFIDENCE_LIMIT, 1.0 - CONFIDENCE_LIMIT);
-    let normal = (TAU * variance).powi(-3).sqrt();
-    (p / (1.0 - p) * ROTATION_VOLUME * normal).ln()
-}
-
-/// The log-likelihood with all frames as outliers.
-pub(super) fn ln_likelihood_of_outliers(measurements: &[Measurement]) -> f64 {
-    let outlier = |m: &Measurement| {
-        let p = m.confidence.clamp(CONFIDENCE_LIMIT, 1.0 - CONFIDENCE_LIMIT);
-        ((1.0 - p) / ROTATION_VOLUME).ln()
-    };
-    measurements.iter().map(outlier).sum()
 }
 
 /// Whether these are at least half of the expected inliers.
