@@ -7,7 +7,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::{CalibrationConfig, calibrate};
-use spindoe::clip::{BatchConfig, FrameClock, SequenceOutcome, TimeSource, estimate_inputs};
+use spindoe::clip::{self, BatchConfig, BatchFrame, FrameClock, SequenceOutcome, TimeSource};
 use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
@@ -72,8 +72,8 @@ pub fn read_clip(
         clock: fps.map_or(FrameClock::Inputs, FrameClock::FramesPerSecond),
         ..BatchConfig::default()
     };
-    let batch = interruptible(py, |_| estimate_inputs(estimator, paths, &config, &()))?;
-    let batch = batch.or_raise()?;
+    let batch = interruptible(py, |_| clip::run(estimator, paths, &config, &()))?;
+    let mut batch = batch.or_raise()?;
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         let problem = "the files' times do not increase from frame to frame: fps sets others";
         return Err(value_error("images", problem));
@@ -81,9 +81,11 @@ pub fn read_clip(
     if let (TimeSource::SameNumber, Some(problem)) = (batch.times, batch.times.problem()) {
         return Err(value_error("images", format!("{problem}: fps sets some")));
     }
+    let frames = batch.frames.iter_mut();
+    let frames = frames.map(BatchFrame::take_estimate).collect();
     Ok(Clip {
         times_s: batch.times_s(),
-        frames: batch.frames.into_iter().map(|f| f.estimate).collect(),
+        frames,
     })
 }
 

@@ -1,0 +1,122 @@
+//! The times of a clip's frames: by their names, a video, a rate or a table.
+
+use std::path::PathBuf;
+
+use super::batch::BatchFrame;
+use super::config::FrameClock;
+use crate::error::Result;
+use crate::source::video::VideoClock;
+use crate::spin::robust::TimeOrigin;
+
+/// Minimum time between frames, seconds: 20 000 a second. Names that count frames are closer, and so are
+/// microseconds, of 20 frames a second or more.
+const MIN_STEP_S: f64 = 5e-5;
+
+/// Where the times of a batch came from.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[serde(rename_all = "snake_case", tag = "source")]
+pub enum TimeSource {
+    /// No frame has a time.
+    None,
+    /// Some frames have a time by their names, others not.
+    Partial {
+        /// How many have one.
+        timed: usize,
+    },
+    /// The names are numbers, but so near to each other that they count frames or a longer unit: they
+    /// are no times.
+    FrameNumbers {
+        /// The smallest step of the names, taken as nanoseconds, in seconds.
+        step_s: f64,
+    },
+    /// The names are one and the same number: they are no times.
+    SameNumber,
+    /// The names of the files, in nanoseconds.
+    Names {
+        /// Mean frames per second; none of a single frame.
+        fps: Option<f64>,
+    },
+    /// A rate that was given.
+    Rate {
+        /// Frames per second.
+        fps: f64,
+    },
+    /// A table.
+    Table,
+    /// The time stamps of a video.
+    Video(VideoClock),
+}
+
+impl TimeSource {
+    /// What the clock of a spin makes of it.
+    pub fn origin(&self) -> TimeOrigin {
+        match self {
+            Self::Video(_) => TimeOrigin::Video,
+            _ => TimeOrigin::Stated,
+        }
+    }
+
+    /// Why the numbers in the frames' names are no times, where they are none.
+    pub fn problem(&self) -> Option<&'static str> {
+        match self {
+            Self::FrameNumbers { .. } => {
+                Some("the names are frame numbers, not times in nanoseconds")
+            }
+            Self::SameNumber => Some("the names are one and the same number, and no times"),
+            _ => None,
+        }
+    }
+}
+
+/// Sets the times of all frames; where they come from.
+pub(super) fn set_times<K>(
+    clock: &FrameClock,
+    video: Option<VideoClock>,
+    frames: &mut [BatchFrame<K>],
+) -> Result<TimeSource> {
+    match clock {
+        FrameClock::Inputs => Ok(input_times(video, frames)),
+        FrameClock::FramesPerSecond(rate) => {
+            for (k, frame) in frames.iter_mut().enumerate() {
+                frame.time_s = Some(k as f64 / rate);
+            }
+            Ok(TimeSource::Rate { fps: *rate })
+        }
+        FrameClock::Table(table) => {
+            let paths: Vec<PathBuf> = frames.iter().map(|f| f.path.clone()).collect();
+            for (frame, time) in frames.iter_mut().zip(table.of_frames(&paths)?) {
+                frame.time_s = Some(time);
+            }
+            Ok(TimeSource::Table)
+        }
+    }
+}
+
+/// What the inputs say of the times; names that count frames, or are all alike, are no times.
+fn input_times<K>(video: Option<VideoClock>, frames: &mut [BatchFrame<K>]) -> TimeSource {
+    if let Some(clock) = video {
+        return TimeSource::Video(clock);
+    }
+    let times: Vec<f64> = frames.iter().filter_map(|f| f.time_s).collect();
+    let timed = times.len();
+    match timed {
+        0 => return TimeSource::None,
+        _ if timed < frames.len() => return TimeSource::Partial { timed },
+        1 => return TimeSource::Names { fps: None },
+        _ => {}
+    }
+    let steps = times.windows(2).map(|w| w[1] - w[0]);
+    let step_s = steps.fold(f64::INFINITY, f64::min);
+    let first = times.iter().copied().fold(f64::INFINITY, f64::min);
+    let last = times.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let problem = match step_s {
+        _ if first == last => TimeSource::SameNumber,
+        step_s if step_s > 0.0 && step_s < MIN_STEP_S => TimeSource::FrameNumbers { step_s },
+        _ => {
+            let fps = Some((timed - 1) as f64 / (last - first));
+            return TimeSource::Names { fps };
+        }
+    };
+    frames.iter_mut().for_each(|f| f.time_s = None);
+    problem
+}
