@@ -3,6 +3,7 @@
 use nalgebra::Matrix3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
+use rayon::prelude::*;
 use spindoe::clip::{
     BallEstimate, BallsEstimator, BallsWorkspace, Strobe, StrobeHypothesis, missing_balls,
     number_balls,
@@ -15,9 +16,10 @@ use spindoe::vision::Budget;
 
 use crate::arrays::square;
 use crate::errors::{Answer, OrRaise};
-use crate::estimator::{Estimator, check_times};
+use crate::estimator::{Estimator, FRAMES_AT_ONCE, check_times, held_pixels, samples_of};
 use crate::frames::{FrameTuple, frame_tuple};
 use crate::image::{Buffers, Pixels, raw_pixel};
+use crate::work::on_all_cores;
 
 /// A ball's estimate, its table and the probabilities of all tables.
 type BallTuple<'py> = (FrameTuple<'py>, usize, Vec<f64>);
@@ -54,28 +56,48 @@ impl Balls {
         strobe: Option<&Strobe>,
     ) -> PyResult<Vec<BallEstimate>> {
         let (all, budget) = (&self.inner, Budget::default());
-        self.on_image(py, image, pixel, |image, ws| match strobe {
-            Some(strobe) => all.estimate_strobed(image, None, strobe, &budget, ws),
-            None => all.estimate(image, None, &[], &budget, ws),
-        })
-    }
-
-    /// What `work` finds in an image.
-    fn on_image(
-        &self,
-        py: Python<'_>,
-        image: &Bound<'_, PyAny>,
-        pixel: RawPixel,
-        work: impl FnOnce(ImageView<'_>, &mut BallsWorkspace<'_>) -> Vec<BallEstimate> + Send,
-    ) -> PyResult<Vec<BallEstimate>> {
         let pixels = Pixels::new("image", image)?;
         let samples = pixels.samples("image", pixel)?;
         py.detach(|| {
             let mut buffers = Buffers::default();
-            let mut ws = self.inner.workspace()?;
-            Ok(work(samples.view(&mut buffers)?, &mut ws))
+            let (image, mut ws) = (samples.view(&mut buffers)?, all.workspace()?);
+            Ok(match strobe {
+                Some(strobe) => all.estimate_strobed(image, None, strobe, &budget, &mut ws),
+                None => all.estimate(image, None, &[], &budget, &mut ws),
+            })
         })
         .or_raise()
+    }
+
+    /// What `work` finds in the images with these numbers, on all cores.
+    fn on_images(
+        &self,
+        py: Python<'_>,
+        images: &[Bound<'_, PyAny>],
+        numbers: &[usize],
+        pixel: RawPixel,
+        work: impl Fn(usize, ImageView<'_>, &mut BallsWorkspace<'_>) -> Vec<BallEstimate> + Sync,
+    ) -> PyResult<Vec<Vec<BallEstimate>>> {
+        let mut found = Vec::with_capacity(numbers.len());
+        for some in numbers.chunks(FRAMES_AT_ONCE) {
+            py.check_signals()?;
+            let held = held_pixels(images, some)?;
+            let samples = samples_of(&held, some, pixel)?;
+            let done: spindoe::Result<Vec<_>> = on_all_cores(py, || {
+                let new = || (Buffers::default(), self.inner.workspace());
+                let all = samples
+                    .par_iter()
+                    .map_init(new, |(buffers, ws), (k, image)| {
+                        let ws = ws
+                            .as_mut()
+                            .map_err(|e| spindoe::Error::Internal(e.to_string()))?;
+                        Ok(work(*k, image.view(buffers)?, ws))
+                    });
+                all.collect()
+            })?;
+            found.extend(done.or_raise()?);
+        }
+        Ok(found)
     }
 }
 
@@ -115,21 +137,23 @@ impl Balls {
         check_times(&times_s, images.len())?;
         let pixel = raw_pixel(color)?;
         let config = spin_config(max_rps)?;
-        let frames = images.iter().map(|image| {
-            py.check_signals()?;
-            self.found(py, image, pixel, None)
-        });
-        let mut frames = frames.collect::<PyResult<Vec<_>>>()?;
+        let budget = Budget::default();
+        let all: Vec<usize> = (0..images.len()).collect();
+        let alone = |_: usize, image: ImageView<'_>, ws: &mut BallsWorkspace<'_>| {
+            self.inner.estimate(image, None, &[], &budget, ws)
+        };
+        let mut frames = self.on_images(py, &images, &all, pixel, alone)?;
         let missing = missing_balls(config, &times_s, &frames);
-        for ((image, balls), expected) in images.iter().zip(&mut frames).zip(missing) {
-            if !expected.is_empty() {
-                py.check_signals()?;
-                let before = std::mem::take(balls);
-                *balls = self.on_image(py, image, pixel, |view, ws| {
-                    let budget = Budget::default();
-                    self.inner.look_again(view, before, &expected, &budget, ws)
-                })?;
-            }
+        let is_wanted = |k: &usize| !missing[*k].is_empty();
+        let wanted: Vec<usize> = all.into_iter().filter(is_wanted).collect();
+        let again = |k: usize, image: ImageView<'_>, ws: &mut BallsWorkspace<'_>| {
+            let before = frames[k].clone();
+            self.inner
+                .look_again(image, before, &missing[k], &budget, ws)
+        };
+        let found = self.on_images(py, &images, &wanted, pixel, again)?;
+        for (k, balls) in wanted.into_iter().zip(found) {
+            frames[k] = balls;
         }
         let numbered = number_balls(config, &times_s, &mut frames);
         let tuples = frames

@@ -42,7 +42,7 @@ use crate::spin;
 use crate::work::on_all_cores;
 
 /// Frames between two ears for Ctrl-C.
-const FRAMES_AT_ONCE: usize = 64;
+pub const FRAMES_AT_ONCE: usize = 64;
 
 /// A circle `u, v, radius` in pixels as the ball's outline.
 fn outline(given: Option<[f64; 3]>) -> PyResult<Option<OutlinePrior>> {
@@ -265,16 +265,8 @@ impl Estimator {
         work: &ImageWork<'_>,
     ) -> PyResult<Vec<(usize, FrameEstimate)>> {
         py.check_signals()?;
-        let name = |k: usize| format!("images[{k}]");
-        let held: Vec<Pixels<'_>> = numbers
-            .iter()
-            .map(|&k| Pixels::new(&name(k), &images[k]))
-            .collect::<PyResult<_>>()?;
-        let samples: Vec<(usize, Samples<'_>)> = held
-            .iter()
-            .zip(numbers)
-            .map(|(pixels, &k)| Ok((k, pixels.samples(&name(k), pixel)?)))
-            .collect::<PyResult<_>>()?;
+        let held = held_pixels(images, numbers)?;
+        let samples = samples_of(&held, numbers, pixel)?;
         let found: spindoe::Result<Vec<_>> = on_all_cores(py, || {
             let one = |slot: &mut Slot, (k, image): &(usize, Samples<'_>)| {
                 let image = match image.view(&mut slot.buffers) {
@@ -288,6 +280,30 @@ impl Estimator {
         })?;
         found.or_raise()
     }
+}
+
+fn name(number: usize) -> String {
+    format!("images[{number}]")
+}
+
+/// The pixels of the images with these numbers.
+pub fn held_pixels<'py>(
+    images: &[Bound<'py, PyAny>],
+    numbers: &[usize],
+) -> PyResult<Vec<Pixels<'py>>> {
+    let held = numbers.iter().map(|&k| Pixels::new(&name(k), &images[k]));
+    held.collect()
+}
+
+/// The same by their numbers, as samples.
+pub fn samples_of<'a>(
+    held: &'a [Pixels<'_>],
+    numbers: &[usize],
+    pixel: RawPixel,
+) -> PyResult<Vec<(usize, Samples<'a>)>> {
+    let numbered = held.iter().zip(numbers);
+    let samples = numbered.map(|(pixels, &k)| Ok((k, pixels.samples(&name(k), pixel)?)));
+    samples.collect()
 }
 
 #[pymethods]
