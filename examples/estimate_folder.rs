@@ -4,7 +4,7 @@
 //!
 //! File names are times in nanoseconds, as SpinDOE has them.
 
-use spindoe::clip::{BatchConfig, SequenceOutcome, estimate_inputs};
+use spindoe::clip::{self, BatchConfig, SequenceOutcome};
 use spindoe::vision::DetectorName;
 use spindoe::{Estimator, EstimatorConfig, Pattern};
 
@@ -17,9 +17,9 @@ fn main() -> spindoe::Result<()> {
     let pattern = Pattern::read_csv(pattern.as_ref())?;
     let detector = DetectorName::Cnn.build()?;
     let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
-    let batch = estimate_inputs(&estimator, &[dir.into()], &BatchConfig::default(), &())?;
+    let batch = clip::run(&estimator, &[dir.into()], &BatchConfig::default(), &())?;
     for frame in &batch.frames {
-        match &frame.estimate.outcome {
+        match &frame.estimate().outcome {
             Ok(pose) => {
                 let [w, x, y, z] = spindoe::geometry::to_wxyz(&pose.rotation);
                 let p = pose.confidence;
@@ -42,6 +42,7 @@ fn main() -> spindoe::Result<()> {
         } => println!("no spin: {rejection}"),
         SequenceOutcome::NoTimes => println!("no spin: the frames have no times"),
         SequenceOutcome::TimesNotIncreasing => println!("no spin: the times do not increase"),
+        _ => {}
     }
     Ok(())
 }

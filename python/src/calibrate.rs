@@ -8,7 +8,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::{CalibrationConfig, calibrate};
-use spindoe::clip::{BatchConfig, FrameClock, SequenceOutcome, TimeSource, estimate_inputs};
+use spindoe::clip::{self, BatchConfig, BatchFrame, FrameClock, SequenceOutcome, TimeSource};
 use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
@@ -75,9 +75,9 @@ pub fn read_clip(
     };
     let batch = abandonable(py, move |stop| {
         (config.budget.stop, config.sequence.stop) = (Some(stop), Some(stop));
-        estimate_inputs(&*estimator, &paths, &config, &())
+        clip::run(&*estimator, &paths, &config, &())
     })?;
-    let batch = batch.or_raise()?;
+    let mut batch = batch.or_raise()?;
     let other = batch
         .frames
         .iter()
@@ -97,9 +97,11 @@ pub fn read_clip(
     if let (TimeSource::SameNumber, Some(problem)) = (batch.times, batch.times.problem()) {
         return Err(value_error("images", format!("{problem}: fps sets some")));
     }
+    let frames = batch.frames.iter_mut();
+    let frames = frames.map(BatchFrame::take_estimate).collect();
     Ok(Clip {
         times_s: batch.times_s(),
-        frames: batch.frames.into_iter().map(|f| f.estimate).collect(),
+        frames,
     })
 }
 

@@ -353,15 +353,14 @@ pub fn fit_spin<'py>(
             )
         })?;
         file.rows.push(OrientationRow {
-            frame: String::new(),
             time_s: times[i],
             orientation: Some(rotation(&format!("quaternions: row {i}"), wxyz)?),
-            dots: None,
             matched,
             residual_rad,
             confidence: confidences.as_ref().map(|c| c[i]),
             covariance: covariances.as_ref().map(|c| covariance(c, i)).transpose()?,
             turn: turns.as_ref().map(|t| view_turn(t, i)).transpose()?,
+            ..OrientationRow::default()
         });
     }
     let measurements = file.measurements();

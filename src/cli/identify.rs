@@ -432,8 +432,7 @@ fn row(answer: &FrameAnswer) -> OrientationRow {
         matched: Some(found.map_or(0, Identification::matched)),
         residual_rad: found.map(|f| f.residual_rad),
         confidence: found.map(|f| f.confidence),
-        covariance: None,
-        turn: None,
+        ..OrientationRow::default()
     }
 }
 

@@ -8,7 +8,7 @@ use clap::Args;
 
 use super::output::one_of;
 use crate::ball::Ball;
-use crate::clip::batch::FrameClock;
+use crate::clip::FrameClock;
 use crate::clip::frame_table::{self, FrameCircles};
 use crate::error::{Error, Result};
 use crate::image::{DEFAULT_MAX_PIXELS, Roi};

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::images::{order_warning, unused_warning};
-use crate::clip::batch::{Batch, BatchConfig, TimeSource};
+use crate::clip::{Batch, BatchConfig, TimeSource};
 use crate::error::Result;
 use crate::files::csv::shown;
 use crate::source::files::SkippedFiles;

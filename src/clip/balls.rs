@@ -12,7 +12,7 @@
 //!
 //! which is a factor of the pose's confidence.
 //!
-//! Guarantees: with one table the first ball is exactly that of [`Estimator::estimate`]. Each ball is a pose or a [`FrameRejection`](crate::vision::frame::estimate::FrameRejection);
+//! Guarantees: with one table the first ball is exactly that of [`Estimator::estimate`]. Each ball is a pose or a [`FrameRejection`];
 //! no two are at one place. Not guaranteed: that a circle without a pose is a ball. It is listed where its rim is whole, or is seen for the
 //! greater part and has five likely dots.
 
@@ -24,18 +24,17 @@ use super::verdict::{MAX_LEAD, Scorer};
 use crate::error::{Result, require};
 use crate::image::{ImageView, Roi};
 use crate::vision::dots::detector::LIKELY_DOT;
+use crate::vision::estimator::propose::shrunk_level;
 use crate::vision::estimator::search::is_evident;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
-use crate::vision::frame::estimate::{FrameEstimate, Standing};
-use crate::vision::frame::prior::{Budget, OutlinePrior, Prior, SearchDepth};
+use crate::vision::frame::estimate::{FrameEstimate, FrameRejection, Standing};
+use crate::vision::frame::prior::{Budget, OutlinePrior, Prior};
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::outline::circle::{BallFinder, BallFit, Polarity, WHOLE};
 
 /// Balls of a frame, at most, and circles that are tried.
 const MAX_BALLS: usize = 16;
 const MAX_TRIED: usize = 24;
-/// Runs of the recognizer by each of several tables in which the first ball is looked for: a frame need not show a ball of each.
-const SEVERAL_RUNS: usize = 6;
 /// Radii of further balls over that of the first: balls at two thirds and one and a half times its distance.
 const SIZES: (f64, f64) = (0.65, 1.55);
 /// Circles are searched where the smallest radius is at least so many pixels, at a smaller scale.
@@ -64,6 +63,23 @@ pub struct BallEstimate {
 }
 
 impl BallEstimate {
+    /// A ball of which one table is known.
+    pub fn of(frame: FrameEstimate, table: usize) -> Self {
+        Self {
+            frame,
+            table,
+            tables: vec![1.0],
+        }
+    }
+
+    /// Takes back a pose, by what all frames say.
+    pub(super) fn reject(&mut self, why: FrameRejection) {
+        if self.frame.pose().is_some() {
+            self.frame.outcome = Err(why);
+            self.frame.assignment.fill(None);
+        }
+    }
+
     /// The outline, corrected by the dots where the ball has a pose.
     pub fn circle(&self) -> Option<BallCircle> {
         self.frame.circle.or(self.frame.outline.map(|o| o.circle))
@@ -73,6 +89,12 @@ impl BallEstimate {
         let dots = self.frame.dots.iter();
         dots.filter(|d| d.probability >= LIKELY_DOT).count()
     }
+}
+
+/// Sorts balls from left to right; what has no outline comes last.
+pub fn sort_from_left(balls: &mut [BallEstimate]) {
+    let left = |ball: &BallEstimate| ball.circle().map_or(f64::INFINITY, |c| c.center.u);
+    balls.sort_by(|a, b| left(a).total_cmp(&left(b)));
 }
 
 /// Estimates all balls of a frame: one estimator for each table that they may carry.
@@ -329,11 +351,7 @@ impl BallsEstimator {
             region,
             ..Prior::default()
         };
-        let short = Budget {
-            runs: SEVERAL_RUNS.min(budget.runs),
-            search: SearchDepth::Coarse,
-            ..*budget
-        };
+        let short = budget.short();
         let budget = match self.estimators.len() {
             1 => budget,
             _ => &short,
@@ -416,11 +434,7 @@ impl BallsEstimator {
         ws: &mut BallsWorkspace<'_>,
     ) -> BallEstimate {
         if ws.scorers.is_empty() {
-            return BallEstimate {
-                frame,
-                table,
-                tables: vec![1.0],
-            };
+            return BallEstimate::of(frame, table);
         }
         let by_dots = ws.scorers.iter_mut().map(|scorer| {
             let mut again = frame.clone();
@@ -516,6 +530,8 @@ impl BallsEstimator {
         while radii.0 / f64::from(2u32 << level) >= SMALLEST {
             level += 1;
         }
+        // All edges of a very large picture take too much memory in its own pixels.
+        let level = level.max(shrunk_level(&part));
         let side = f64::from(1u32 << level);
         let BallsWorkspace {
             finder,

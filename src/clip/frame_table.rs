@@ -9,7 +9,7 @@ use std::cmp::Ordering;
 use std::collections::HashMap;
 use std::path::{Component, Path, PathBuf};
 
-use super::batch::FrameClock;
+use super::config::FrameClock;
 use crate::error::{Error, Result};
 use crate::files::csv::{Columns, Table, TableRow, shown};
 use crate::files::{self, MAX_ROWS};

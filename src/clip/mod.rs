@@ -3,30 +3,36 @@
 
 pub(crate) mod ball_tracks;
 pub(crate) mod balls;
-pub(crate) mod balls_batch;
 pub(crate) mod batch;
+mod choice;
+pub(crate) mod config;
 pub mod frame_table;
+pub(crate) mod judgment;
 pub(crate) mod orientations;
 pub(crate) mod outlines;
 pub(crate) mod painted;
+mod read;
 pub(crate) mod rolling;
+pub(crate) mod run;
+mod second;
 pub(crate) mod sequence;
 pub(crate) mod sequence_view;
 pub(crate) mod smears;
 pub(crate) mod strobe;
+pub(crate) mod times;
 pub(crate) mod tracker;
 pub mod verdict;
+pub(crate) mod work;
 
 pub use ball_tracks::{BallTracks, NumberedBalls, missing_balls, number_balls};
-pub use balls::{BallEstimate, BallsEstimator, BallsWorkspace};
-pub use balls_batch::{BallsBatch, BallsFrame, estimate_ball_inputs};
-pub use batch::{
-    Batch, BatchConfig, BatchFrame, BatchObserver, FrameClock, SequenceOutcome, TimeSource, Work,
-    estimate_inputs,
-};
+pub use balls::{BallEstimate, BallsEstimator, BallsWorkspace, sort_from_left};
+pub use batch::{Batch, BatchFrame, BatchObserver, SequenceOutcome};
+pub use config::{BatchConfig, FrameClock};
+pub use judgment::Judgment;
 pub use orientations::{NamedFrame, orientations};
 pub use painted::SurfaceObserver;
 pub use rolling::{SequenceRows, seen_times};
+pub use run::run;
 pub use sequence::{
     FrameInDoubt, ImageResults, ImageWork, SequenceConfig, SequenceSummary, estimate_passes,
     estimate_sequence, estimate_spin, frames_in_doubt, held_images, second_pass,
@@ -34,4 +40,6 @@ pub use sequence::{
 pub use sequence_view::SequenceView;
 pub use smears::SequenceSmears;
 pub use strobe::{Strobe, StrobeHypothesis};
+pub use times::TimeSource;
 pub use tracker::{Tracker, TrackerConfig, TrackerState};
+pub use work::Work;

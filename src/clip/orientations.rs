@@ -17,14 +17,19 @@ pub struct NamedFrame<'a> {
 }
 
 impl<'a> NamedFrame<'a> {
+    /// A frame without a name.
+    pub fn of(time_s: f64, estimate: &'a FrameEstimate) -> Self {
+        Self {
+            name: "",
+            time_s: Some(time_s),
+            estimate,
+        }
+    }
+
     /// Frames of a sequence without names, with their times in seconds.
     pub fn of_times(times_s: &[f64], estimates: &'a [FrameEstimate]) -> Vec<Self> {
         let timed = times_s.iter().zip(estimates);
-        let named = timed.map(|(time_s, estimate)| Self {
-            name: "",
-            time_s: Some(*time_s),
-            estimate,
-        });
+        let named = timed.map(|(time_s, estimate)| Self::of(*time_s, estimate));
         named.collect()
     }
 }
@@ -54,10 +59,12 @@ pub fn orientations(
             confidence: pose.map(|p| p.confidence),
             covariance: pose.map(|p| turned_covariance(&turned, &p.covariance)),
             turn: turn.map(|turn| turn.in_axes(frame)),
+            ..OrientationRow::default()
         }
     };
     Orientations {
         rows: frames.iter().map(row).collect(),
         camera_frame: Some(frame),
+        ..Orientations::default()
     }
 }

@@ -2,13 +2,15 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use super::batch::{BatchConfig, BatchObserver};
+use super::balls::BallEstimate;
+use super::batch::BatchObserver;
+use super::config::BatchConfig;
 use crate::error::{Error, Result};
 use crate::geometry::spiral_directions;
 use crate::image::RgbImage;
 use crate::pattern::Pattern;
+use crate::vision::Budget;
 use crate::vision::painted::PaintedFrame;
-use crate::vision::{Budget, FrameEstimate};
 
 /// What is kept of a clip's frames takes no more, bytes; as much again is made of it.
 const MOST_BYTES: usize = 2 << 30;
@@ -62,9 +64,10 @@ impl SurfaceObserver {
 impl BatchObserver for SurfaceObserver {
     type Kept = PaintedFrame;
 
-    fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<PaintedFrame> {
+    fn keep(&self, image: &RgbImage, balls: &[BallEstimate]) -> Result<PaintedFrame> {
         let take = |outline| PaintedFrame::take(&image.to_gray(), outline);
-        let taken = estimate.outline.as_ref().map(take).unwrap_or_default();
+        let outline = balls.first().and_then(|ball| ball.frame.outline.as_ref());
+        let taken = outline.map(take).unwrap_or_default();
         let before = self.bytes.fetch_add(taken.bytes(), Ordering::Relaxed);
         if before + taken.bytes() > self.most_bytes {
             let problem = format!(
@@ -82,21 +85,21 @@ mod tests {
     use nalgebra::Matrix3;
 
     use super::*;
-    use crate::vision::Outline;
     use crate::vision::optics::camera::{BallCircle, Pixel};
+    use crate::vision::{FrameEstimate, Outline};
 
     #[test]
     fn a_clip_that_takes_too_much_memory_is_refused() {
         let image = RgbImage::new(80, 80, vec![[0.5; 3]; 6_400]).expect("an image");
         let circle = BallCircle::new(Pixel { u: 40.0, v: 40.0 }, 30.0);
         let outline = Outline::given(circle, Matrix3::zeros());
-        let estimate = FrameEstimate::from_detections(outline, Vec::new());
+        let ball = BallEstimate::of(FrameEstimate::from_detections(outline, Vec::new()), 0);
         let observer = SurfaceObserver {
             bytes: AtomicUsize::new(0),
             most_bytes: 20_000,
         };
         let kept: Vec<bool> = (0..5)
-            .map(|_| observer.keep(&image, &estimate).is_ok())
+            .map(|_| observer.keep(&image, std::slice::from_ref(&ball)).is_ok())
             .collect();
         assert_eq!(kept, [true, true, true, false, false]);
     }

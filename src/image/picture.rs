@@ -205,6 +205,15 @@ impl Picture {
         }
     }
 
+    /// The memory that its pixels take.
+    pub(crate) fn bytes(&self) -> usize {
+        match self {
+            Self::Bytes { values, .. } => values.len(),
+            Self::Gray(image) => size_of_val(image.values()),
+            Self::Color(image) => size_of_val(image.values()),
+        }
+    }
+
     /// The colors; where it has none, its gray thrice.
     ///
     /// # Errors

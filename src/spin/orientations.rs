@@ -20,8 +20,8 @@
 //!   from the quaternion to the true orientation;
 //! - `turn_x,turn_y,turn_sd_x,turn_sd_y`, rad, of view frames only: all rows are in one view frame, that of the ball amid
 //!   its path; the turn from the row's own, and its deviation, one error that all rows share ([`ViewTurn`]);
-//! - `ball`, of frames with several balls: the number of the ball, one of which is read; `flash`, of exposures with several flashes,
-//!   whose rows are images of one ball: rows without a flash are none of them and are passed over, and of several exposures whose times
+//! - `ball`, of frames with several balls: the number of the ball, one of which is read; `table`, where there were several: that of the
+//!   ball; `flash`, of exposures with several flashes, whose rows are images of one ball: rows without a flash are none of them and are passed over, and of several exposures whose times
 //!   do not follow each other one is read.
 //!
 //! [`OrientationReader`] yields row after row from any input, in memory that does not grow with the
@@ -58,7 +58,7 @@ const LEAST_OWN: f64 = 0.5;
 const RESIDUAL_PRIOR_DOTS: f64 = 4.0;
 
 /// Number of columns.
-const COUNT: usize = 23;
+const COUNT: usize = 24;
 /// The columns, in the order in which they are written.
 static COLUMNS: Columns<COUNT> = Columns {
     names: [
@@ -84,6 +84,7 @@ static COLUMNS: Columns<COUNT> = Columns {
         "turn_sd_x",
         "turn_sd_y",
         "ball",
+        "table",
         "flash",
     ],
     // The time and the quaternion.
@@ -96,10 +97,11 @@ const COVARIANCE: usize = 11;
 const TURN: usize = 17;
 /// At most so many names are listed.
 const LISTED: usize = 8;
-/// The name of the frame; the number of the ball and that of the flash, of files with several balls.
+/// The name of the frame; the number of the ball, its table and the number of the flash, of files with several balls.
 const FRAME: usize = 0;
 const BALL: usize = 21;
-const FLASH: usize = 22;
+const TABLE: usize = 22;
+const FLASH: usize = 23;
 /// The same where the times come from elsewhere: only the quaternion is needed.
 static UNTIMED: Columns<COUNT> = Columns {
     names: COLUMNS.names,
@@ -128,6 +130,32 @@ pub struct OrientationRow {
     pub covariance: Option<Matrix3<f64>>,
     /// How the row's own view frame was turned, about the x and y of its frame.
     pub turn: Option<ViewTurn>,
+    /// The number of the ball, of frames with several.
+    pub ball: Option<usize>,
+    /// The table that the ball carries, where there are several.
+    pub table: Option<String>,
+    /// The number of the flash that lit it, of exposures with several.
+    pub flash: Option<usize>,
+}
+
+impl Default for OrientationRow {
+    /// A frame without a name and a time, of which nothing is known.
+    fn default() -> Self {
+        Self {
+            frame: String::new(),
+            time_s: f64::NAN,
+            orientation: None,
+            dots: None,
+            matched: None,
+            residual_rad: None,
+            confidence: None,
+            covariance: None,
+            turn: None,
+            ball: None,
+            table: None,
+            flash: None,
+        }
+    }
 }
 
 impl OrientationRow {
@@ -145,6 +173,28 @@ pub struct Orientations {
     pub rows: Vec<OrientationRow>,
     /// The frame of the orientations, where the file says it.
     pub camera_frame: Option<CameraFrame>,
+    /// What is written of several balls.
+    pub columns: BallColumns,
+}
+
+/// The columns of a file with several balls, or several images of one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct BallColumns {
+    /// The numbers of the balls.
+    pub ball: bool,
+    /// Their tables.
+    pub table: bool,
+    /// The numbers of the flashes.
+    pub flash: bool,
+}
+
+impl BallColumns {
+    /// Those that are written, by their places among all columns.
+    fn written(self) -> impl Iterator<Item = usize> {
+        let all = [(self.ball, BALL), (self.table, TABLE), (self.flash, FLASH)];
+        all.into_iter()
+            .filter_map(|(is_written, at)| is_written.then_some(at))
+    }
 }
 
 impl Orientations {
@@ -154,16 +204,12 @@ impl Orientations {
             frame: i.to_string(),
             time_s: m.time_s,
             orientation: Some(m.orientation),
-            dots: None,
-            matched: None,
-            residual_rad: None,
             confidence: Some(m.confidence),
-            covariance: None,
-            turn: None,
+            ..OrientationRow::default()
         };
         Self {
             rows: measurements.iter().enumerate().map(row).collect(),
-            camera_frame: None,
+            ..Self::default()
         }
     }
 
@@ -195,6 +241,11 @@ impl Orientations {
         Ok(Self {
             rows,
             camera_frame: reader.camera_frame,
+            columns: BallColumns {
+                ball: reader.table.has(BALL),
+                table: reader.table.has(TABLE),
+                flash: reader.table.has(FLASH),
+            },
         })
     }
 
@@ -202,7 +253,8 @@ impl Orientations {
     /// same bits.
     pub fn to_csv(&self) -> String {
         let mut text = Vec::new();
-        let mut writer = OrientationWriter::in_frame(&mut text, self.camera_frame);
+        let mut writer =
+            OrientationWriter::in_frame(&mut text, self.camera_frame).with_columns(self.columns);
         for row in &self.rows {
             // Writing to memory cannot fail.
             let _ = writer.write(row);
@@ -508,6 +560,7 @@ impl<R: BufRead> Iterator for OrientationReader<R> {
 pub struct OrientationWriter<W> {
     to: W,
     camera_frame: Option<CameraFrame>,
+    columns: BallColumns,
     begun: bool,
 }
 
@@ -522,8 +575,15 @@ impl<W: Write> OrientationWriter<W> {
         Self {
             to,
             camera_frame,
+            columns: BallColumns::default(),
             begun: false,
         }
+    }
+
+    /// The same with what several balls have besides.
+    #[must_use]
+    pub fn with_columns(self, columns: BallColumns) -> Self {
+        Self { columns, ..self }
     }
 
     /// Writes a row; a quaternion scalar first with `qw >= 0`, digits enough to read back the same
@@ -564,6 +624,14 @@ impl<W: Write> OrientationWriter<W> {
                 }
             }
         }
+        for column in self.columns.written() {
+            self.to.write_all(b",")?;
+            match column {
+                BALL => optional(&mut self.to, row.ball)?,
+                TABLE => optional(&mut self.to, row.table.as_deref().map(quoted))?,
+                _ => optional(&mut self.to, row.flash)?,
+            }
+        }
         self.to.write_all(b"\n")
     }
 
@@ -593,7 +661,9 @@ impl<W: Write> OrientationWriter<W> {
                 Some(frame) if !frame.is_view() => WRITTEN[1],
                 Some(_) => WRITTEN[2],
             };
-            writeln!(self.to, "{}", COLUMNS.names[..count].join(","))?;
+            let columns = (0..count).chain(self.columns.written());
+            let names: Vec<&str> = columns.map(|at| COLUMNS.names[at]).collect();
+            writeln!(self.to, "{}", names.join(","))?;
         }
         Ok(())
     }
@@ -635,6 +705,9 @@ fn parse(row: &TableRow<'_, COUNT>, time_s: Option<f64>) -> Field<OrientationRow
         confidence,
         covariance: covariance(row)?,
         turn: turn(row)?,
+        ball: row.count(BALL)?,
+        table: row.text(TABLE).map(str::to_owned),
+        flash: row.count(FLASH)?,
     })
 }
 

@@ -6,6 +6,8 @@ mod ball;
 mod breaks;
 mod calibrate;
 mod cli;
+#[cfg(all(feature = "cli", feature = "vision"))]
+mod clip;
 mod common;
 
 #[cfg(feature = "vision")]

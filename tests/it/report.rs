@@ -7,7 +7,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use spindoe::calibrate::{CalibrationConfig, DotState, calibrate};
-use spindoe::clip::{Batch, BatchFrame, NamedFrame, SequenceOutcome, TimeSource, orientations};
+use spindoe::clip::{
+    BallEstimate, Batch, BatchFrame, Judgment, NamedFrame, SequenceOutcome, TimeSource,
+    orientations,
+};
 use spindoe::geometry::{CameraFrame, spiral_directions};
 use spindoe::pattern::Pattern;
 use spindoe::recognize::RecognizerName;
@@ -84,7 +87,7 @@ fn estimate(path: &Path) {
             path: PathBuf::new(),
             time_s: Some(k as f64 / 350.0),
             first_row_s: None,
-            estimate,
+            balls: vec![BallEstimate::of(estimate, 0)],
             size: None,
             unreadable: None,
             kept: (),
@@ -93,16 +96,17 @@ fn estimate(path: &Path) {
     let batch = Batch {
         frames: frames.collect(),
         sequence: SequenceOutcome::NoTimes,
+        judgment: Judgment::default(),
         times: TimeSource::None,
         skipped: Vec::new(),
         cut_short: Vec::new(),
         sources: Vec::new(),
     };
-    assert!(batch.frames[5].estimate.pose().is_none());
+    assert!(batch.frames[5].estimate().pose().is_none());
     let named = batch.frames.iter().map(|frame| NamedFrame {
         name: &frame.name,
         time_s: frame.time_s,
-        estimate: &frame.estimate,
+        estimate: frame.estimate(),
     });
     let rows = orientations(&named.collect::<Vec<_>>(), CameraFrame::View, false);
     let page = EstimatePage::new(&pattern, &batch, &rows, None, |_| Ok(None)).unwrap();

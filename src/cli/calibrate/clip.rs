@@ -9,7 +9,7 @@ use crate::calibrate::{
     Calibration, CalibrationConfig, KnownDots, MarkedSurface, calibrate, identify_frames,
 };
 use crate::cli::inputs;
-use crate::clip::batch::{Batch, BatchConfig, SequenceOutcome, estimate_inputs};
+use crate::clip::{self, Batch, BatchConfig, BatchFrame, SequenceOutcome};
 use crate::error::{Error, Result};
 use crate::vision::{Estimator, FrameEstimate};
 
@@ -33,10 +33,12 @@ pub(super) struct IdentifiedFrames {
 }
 
 impl IdentifiedFrames {
-    fn of(batch: Batch<()>) -> Self {
+    fn of(mut batch: Batch<()>) -> Self {
+        let frames = batch.frames.iter_mut();
+        let estimates = frames.map(BatchFrame::take_estimate).collect();
         Self {
             times_s: batch.times_s(),
-            estimates: batch.frames.into_iter().map(|f| f.estimate).collect(),
+            estimates,
         }
     }
 }
@@ -94,7 +96,7 @@ fn estimated(
     config: &CalibrationConfig,
 ) -> Result<Batch<()>> {
     let estimator = Estimator::for_ball(ball, config.estimator, arguments.images.detector()?)?;
-    let batch = estimate_inputs(&estimator, &arguments.clip, settings, &())?;
+    let batch = clip::run(&estimator, &arguments.clip, settings, &())?;
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         errln!("note: the times do not increase from frame to frame: they are not used");
     }

@@ -12,7 +12,7 @@ use clap::Args;
 
 use super::images::{ImageArguments, read_balls};
 use crate::calibrate::{CalibrationConfig, KnownDots};
-use crate::clip::batch::BatchConfig;
+use crate::clip::BatchConfig;
 use crate::error::{Error, Result};
 use crate::files::{self, Replacement};
 use crate::pattern::{MAX_DOTS, MIN_DOTS};

@@ -10,7 +10,7 @@ use crate::calibrate::{
     SurfaceObserver, Survey, UnknownRejection, calibrate_built, matching_design, survey,
 };
 use crate::cli::inputs;
-use crate::clip::batch::{BatchConfig, estimate_inputs};
+use crate::clip::{self, BatchConfig};
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;
 use crate::vision::painted::PaintedFrame;
@@ -68,10 +68,11 @@ pub(super) fn find(
     let estimator = stand_in(arguments, config)?;
     let settings = SurfaceObserver::settings(settings.clone());
     let observer = SurfaceObserver::default();
-    let batch = estimate_inputs(&estimator, &arguments.clip, &settings, &observer)?;
+    let mut batch = clip::run(&estimator, &arguments.clip, &settings, &observer)?;
     inputs::say(&batch, &settings)?;
     let names: Vec<String> = batch.frames.iter().map(|f| f.name.clone()).collect();
-    let frames = batch.frames.into_iter().map(|f| (f.estimate, f.kept));
+    let frames = batch.frames.iter_mut();
+    let frames = frames.map(|f| (f.take_estimate(), std::mem::take(&mut f.kept)));
     let (frames, shown): (Vec<FrameEstimate>, Vec<PaintedFrame>) = frames.unzip();
     let Survey {
         pattern,

@@ -6,22 +6,16 @@ use std::str::FromStr;
 
 use serde_json::json;
 
-#[cfg(feature = "plot")]
-use super::overlay;
-use super::{Arguments, Pictures, follow};
-use crate::cli::images::{order_warning, read_balls};
-use crate::cli::inputs;
-use crate::cli::output::Counter;
-use crate::clip::ball_tracks::BallTracks;
-use crate::clip::balls::BallsEstimator;
-use crate::clip::balls_batch::estimate_ball_inputs;
-use crate::clip::strobe::Strobe;
-use crate::error::{Error, Result};
-use crate::files;
+use super::written::own_row;
+use super::{Arguments, follow};
+use crate::clip::{BallEstimate, BallTracks, BallsEstimator, NamedFrame, Strobe, sort_from_left};
+use crate::error::Result;
 use crate::spin::robust::SpinConfig;
+use crate::vision::Estimator;
 use crate::vision::frame::config::{CameraDistance, CameraModel};
 use crate::vision::frame::prior::Budget;
-use report::{Report, ball_json, sort_from_left, strobe_json, strobe_numbers};
+pub(super) use report::Report;
+use report::{Row, strobe_json, strobe_numbers, strobe_rows};
 
 /// A golf ball's radius over the distances of a launch monitor's camera, 0.4 to 0.6 m: their middle and a standard deviation.
 const GOLF_CAMERA: CameraDistance = CameraDistance {
@@ -51,62 +45,23 @@ pub(super) fn count(text: &str) -> std::result::Result<Count, String> {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let strobe = strobe(arguments)?;
-    let estimators = read_balls(&arguments.table)?;
-    let estimators = estimators.iter().map(|ball| arguments.estimator(ball));
-    let estimators = estimators.collect::<Result<Vec<_>>>()?;
-    let count = match arguments.balls {
-        Some(Count::Of(count)) => Some(count),
-        Some(Count::Auto) => None,
-        None => strobe.as_ref().map(|s| s.times_s().len()),
+/// All balls of a frame, or all images of one by flashes, where these are asked for.
+pub(super) fn estimator(
+    arguments: &Arguments,
+    estimators: &[Estimator],
+    strobe: Option<&Strobe>,
+) -> Result<Option<BallsEstimator>> {
+    let count = match (arguments.balls, strobe) {
+        (Some(Count::Of(count)), _) => Some(count),
+        (Some(Count::Auto), _) => None,
+        (None, Some(strobe)) => Some(strobe.times_s().len()),
+        (None, None) => return Ok(None),
     };
-    let estimator = BallsEstimator::new(estimators, count)?;
-    if arguments.follow {
-        return follow_balls(arguments, &estimator, strobe.as_ref());
-    }
-    let config = arguments.batch()?;
-    let file = arguments.output.as_deref().map(files::OutputFile::create);
-    let file = file.transpose()?;
-    #[cfg(feature = "plot")]
-    let overlay = arguments.overlay.as_deref().map(overlay::Target::new);
-    #[cfg(feature = "plot")]
-    let overlay = overlay.transpose()?;
-    let pictures = Pictures {
-        #[cfg(feature = "plot")]
-        wanted: overlay.is_some(),
-        #[cfg(not(feature = "plot"))]
-        wanted: false,
-        counter: Counter::new(0, "frames"),
-    };
-    let images = &arguments.images;
-    let mut batch = estimate_ball_inputs(&estimator, images, &config, strobe.as_ref(), &pictures)?;
-    pictures.counter.finish();
-    if let Some(warning) = order_warning(batch.frames.iter().map(|f| f.frame.name.as_str())) {
-        errln!("note: {warning}");
-    }
-    if batch.is_disordered() && strobe.is_none() && !arguments.no_sequence {
-        inputs::say_not_increasing();
-    }
-    let report = Report::new(arguments, &mut batch, strobe.as_ref())?;
-    #[cfg(feature = "plot")]
-    if let Some(target) = overlay {
-        let frame = |k: usize| report.drawn(k, estimator.estimators());
-        target.draw(report.times(), report.frames(), frame)?;
-    }
-    arguments.write(file, &report.to_csv(), || report.to_json())?;
-    report.say();
-    match report.identified() {
-        0 => Err(Error::NoAnswer {
-            path: arguments.images[0].clone(),
-            reason: format!("no ball of {} frames is identified", report.frames()),
-        }),
-        _ => Ok(()),
-    }
+    BallsEstimator::new(estimators.to_vec(), count).map(Some)
 }
 
 /// The flashes, where a frame is an exposure with several.
-fn strobe(arguments: &Arguments) -> Result<Option<Strobe>> {
+pub(super) fn strobe(arguments: &Arguments) -> Result<Option<Strobe>> {
     let Some(flashes) = &arguments.strobe_ms else {
         return Ok(None);
     };
@@ -117,7 +72,8 @@ fn strobe(arguments: &Arguments) -> Result<Option<Strobe>> {
     Strobe::new(flashes.times_s.clone(), arguments.flight, spin).map(Some)
 }
 
-fn follow_balls(
+/// Follows several balls through the frames of a pipe.
+pub(super) fn follow_balls(
     arguments: &Arguments,
     estimator: &BallsEstimator,
     strobe: Option<&Strobe>,
@@ -141,31 +97,34 @@ fn follow_balls(
             }
         };
         let mut line = json!({ "frame": number, "time_s": time_s });
-        let numbers = match strobe {
+        let mut rows = match strobe {
             None => {
                 let numbers = tracks.update(time_s, &balls);
                 tracks.reject_foreign(&mut balls, &numbers);
-                numbers
+                let numbered = numbers.into_iter().zip(&balls);
+                let row = |(number, ball): (Option<usize>, &BallEstimate)| {
+                    let row = own_row(NamedFrame::of(time_s, &ball.frame), shown_in);
+                    let mut row = Row::new(arguments, shown_in, row, number, ball);
+                    if let Some((table, share)) = number.and_then(|n| tracks.table(n)) {
+                        row.json["table"] = arguments.table[table].display().to_string().into();
+                        row.json["table_probability"] = share.into();
+                    }
+                    (number, row)
+                };
+                let mut rows: Vec<_> = numbered.map(row).collect();
+                rows.sort_by_key(|(number, _)| *number);
+                rows.into_iter().map(|(_, row)| row).collect()
             }
             Some(strobe) => {
                 sort_from_left(&mut balls);
                 let found = strobe.read(&balls, shown_in);
                 let numbers = strobe_numbers(&balls, &found);
                 line["strobe"] = strobe_json(arguments, strobe, shown_in, &found, &numbers);
-                numbers
+                strobe_rows(arguments, shown_in, ("", time_s), &balls, &found, &numbers)
             }
         };
         let is_identified = balls.iter().any(|b| b.frame.pose().is_some());
-        let mut numbered: Vec<_> = numbers.into_iter().zip(&balls).collect();
-        numbered.sort_by_key(|(number, _)| *number);
-        let shown = numbered.iter().map(|(number, ball)| {
-            let mut json = ball_json(arguments, shown_in, *number, ball);
-            if let Some((table, share)) = number.and_then(|n| tracks.table(n)) {
-                json["table"] = arguments.table[table].display().to_string().into();
-                json["table_probability"] = share.into();
-            }
-            json
-        });
+        let shown = rows.iter_mut().map(|row| row.json.take());
         line["balls"] = shown.collect();
         line["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
         Ok((is_identified, line))

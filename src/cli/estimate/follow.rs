@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use super::{Arguments, output};
+use super::Arguments;
+use super::written::{ball_json, own_row};
 use crate::cli::images::read_ball;
 use crate::cli::pipe::Pipe;
-use crate::clip::sequence::SequenceConfig;
-use crate::clip::tracker::{Tracker, TrackerConfig, TrackerState};
+use crate::clip::{NamedFrame, SequenceConfig, Tracker, TrackerConfig, TrackerState};
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
-use crate::image::ImageView;
+use crate::image::{ImageView, Picture};
 use crate::source::Frame;
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
@@ -67,6 +67,10 @@ pub(super) fn each_frame(
     let (mut followed, mut identified) = (0u64, 0u64);
     let mut frame = Frame::default();
     while let Some(time_s) = pipe.next_frame(&mut frame)? {
+        if arguments.mirrored {
+            let picture = std::mem::replace(&mut frame.picture, Ok(Picture::default()));
+            frame.picture = picture.and_then(Picture::mirrored);
+        }
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;
         let view = picture.view()?;
@@ -123,16 +127,10 @@ fn line(
     arrived: Instant,
 ) -> Value {
     let frame = state.frame;
-    let mut json = json!({
-        "frame": number,
-        "time_s": time_s,
-        "circle": frame.circle.map(|c| json!({
-            "u": c.center.u, "v": c.center.v, "radius": c.radius,
-        })),
-        "dots": frame.dots.len(),
-        "matched": frame.matched(),
-    });
-    output::add_pose(shown_in, frame, &mut json);
+    let row = own_row(NamedFrame::of(time_s, frame), shown_in);
+    let mut json = ball_json(&row, shown_in, frame);
+    json["frame"] = number.into();
+    json["time_s"] = time_s.into();
     match state.spin {
         Ok(fit) => {
             let turned = fit.turned(&shown_in.turn());

@@ -2,20 +2,20 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Matrix3;
 use serde_json::{Value, json};
 
-use super::verdict::Judgment;
+use super::verdict::VerdictWords;
+use super::written::{ball_json, clip_json, say_times};
 use super::{Arguments, Picture};
 use crate::cli::motion::Motion;
 use crate::cli::{inputs, spin_summary};
-use crate::clip::batch::{Batch, BatchFrame, SequenceOutcome};
 use crate::clip::orientations;
 use crate::clip::orientations::NamedFrame;
 use crate::clip::rolling::SequenceRows;
 use crate::clip::smears::SequenceSmears;
+use crate::clip::{Batch, BatchFrame, SequenceOutcome};
 use crate::files::csv::shown;
-use crate::geometry::{CameraFrame, to_wxyz, turned_covariance};
+use crate::geometry::CameraFrame;
 use crate::spin::SpinRejection;
 use crate::spin::alias::{AliasConfig, SpinEvidence, Together};
 #[cfg(feature = "plot")]
@@ -40,7 +40,7 @@ pub(super) struct Report<'a> {
     /// The frame of orientations and spin.
     frame: CameraFrame,
     batch: &'a Batch<Picture>,
-    judgment: &'a Judgment,
+    verdict: VerdictWords<'a>,
     orientations: Orientations,
     /// Where the frames have times.
     spin: Option<Result<(SpinSummary, Motion), SpinRejection>>,
@@ -78,7 +78,7 @@ pub(super) fn named_frames(batch: &Batch<Picture>) -> Vec<NamedFrame<'_>> {
     let named = batch.frames.iter().map(|frame| NamedFrame {
         name: &frame.name,
         time_s: frame.time_s,
-        estimate: &frame.estimate,
+        estimate: frame.estimate(),
     });
     named.collect()
 }
@@ -164,7 +164,6 @@ impl<'a> Report<'a> {
         arguments: &'a Arguments,
         frame: CameraFrame,
         batch: &'a Batch<Picture>,
-        judgment: &'a Judgment,
         evidence: &Evidence<'_>,
     ) -> Self {
         let orientations = file_of(frame, batch);
@@ -178,7 +177,7 @@ impl<'a> Report<'a> {
             arguments,
             frame,
             batch,
-            judgment,
+            verdict: VerdictWords::new(&batch.judgment, &arguments.table),
             orientations,
             spin,
             smeared,
@@ -212,22 +211,11 @@ impl<'a> Report<'a> {
 
     pub fn to_json(&self) -> Value {
         let frames = self.batch.frames.iter().zip(&self.orientations.rows);
-        let frames: Vec<Value> = frames
-            .map(|(frame, row)| self.frame_json(frame, row))
-            .collect();
-        let mut json = json!({
-            "detector": self.arguments.source.detector,
-            "frame": self.frame,
-            "mirrored": self.arguments.mirrored,
-            "frames": frames,
-            "identified": self.batch.identified(),
-            "times": self.batch.times,
-            "times_words": inputs::times_words(&self.batch.times, self.batch.frames.len()),
-            "verdict": self.judgment.to_json(),
-            "skipped": self.batch.skipped.iter().map(|s| json!({
-                "folder": s.folder, "files": s.names,
-            })).collect::<Vec<_>>(),
-        });
+        let frames = frames.map(|(frame, row)| self.frame_json(frame, row));
+        let frames: Vec<Value> = frames.collect();
+        let identified = self.batch.identified();
+        let mut json = clip_json(self.arguments, self.frame, self.batch, frames, identified);
+        json["detector"] = json!(self.arguments.source.detector);
         match &self.spin {
             Some(Ok((summary, motion))) => {
                 json["spin"] = spin_summary::to_json(summary, self.frame);
@@ -290,8 +278,8 @@ impl<'a> Report<'a> {
     /// What it costs that no camera is given, where the ball stands off the center.
     fn off_center_words(&self) -> Option<String> {
         let seen = self.batch.frames.iter().filter_map(|frame| {
-            frame.estimate.pose()?;
-            Some((frame.estimate.circle?, frame.size?))
+            frame.estimate().pose()?;
+            Some((frame.estimate().circle?, frame.size?))
         });
         let off = OffCenter::farthest(seen).filter(|_| self.frame.is_view())?;
         let angle = |field_deg: f64| off.angle_rad(field_deg.to_radians()).to_degrees();
@@ -309,7 +297,7 @@ impl<'a> Report<'a> {
     }
 
     fn frame_json(&self, shown: &BatchFrame<Picture>, row: &OrientationRow) -> Value {
-        let frame = &shown.estimate;
+        let frame = shown.estimate();
         let dots: Vec<Value> = frame
             .dots
             .iter()
@@ -326,20 +314,14 @@ impl<'a> Report<'a> {
             })
             .collect();
         let ms = |d: std::time::Duration| 1e3 * d.as_secs_f64();
-        let mut json = json!({
-            "frame": shown.name,
-            "time_s": shown.time_s,
-            "circle": frame.circle.map(|c| json!({
-                "u": c.center.u, "v": c.center.v, "radius": c.radius,
-            })),
-            "outline_source": frame.outline.map(|o| o.source),
-            "dots": dots.len(),
-            "detections": dots,
-            "milliseconds": {
-                "locate": ms(frame.timings.locate),
-                "detect": ms(frame.timings.detect),
-                "identify": ms(frame.timings.identify),
-            },
+        let mut json = ball_json(row, self.frame, frame);
+        json["frame"] = shown.name.clone().into();
+        json["time_s"] = shown.time_s.into();
+        json["detections"] = dots.into();
+        json["milliseconds"] = json!({
+            "locate": ms(frame.timings.locate),
+            "detect": ms(frame.timings.detect),
+            "identify": ms(frame.timings.identify),
         });
         if let Some(fit) = &frame.fit {
             json["outline"] = json!({
@@ -350,18 +332,8 @@ impl<'a> Report<'a> {
                 "other_balls": fit.rivals,
             });
         }
-        match &shown.unreadable {
-            Some(words) => json["refusal"] = words.clone().into(),
-            None => add_pose(self.frame, frame, &mut json),
-        }
-        // Of a sequence in one frame, as in the file of orientations.
-        if let (Some(orientation), Some(covariance)) = (&row.orientation, &row.covariance) {
-            json["orientation_wxyz"] = json!(to_wxyz(orientation));
-            json["covariance_rad2"] = json!(rows(covariance));
-        }
-        if let Some(turn) = &row.turn {
-            json["view_turn_rad"] = json!([turn.turn_rad.x, turn.turn_rad.y]);
-            json["view_turn_std_rad"] = json!([turn.deviation_rad.x, turn.deviation_rad.y]);
+        if let Some(words) = &shown.unreadable {
+            json["refusal"] = words.clone().into();
         }
         json
     }
@@ -378,7 +350,7 @@ impl<'a> Report<'a> {
                 errln!("{why}");
                 continue;
             }
-            let (name, frame) = (&shown.name, &shown.estimate);
+            let (name, frame) = (&shown.name, shown.estimate());
             let several = frame.fit.is_some_and(|f| f.rivals > 0);
             if frame.pose().is_none() || several {
                 errln!("{name}: {}", words(frame));
@@ -386,7 +358,7 @@ impl<'a> Report<'a> {
         }
         let count = self.batch.frames.len();
         errln!("{} of {count} frames identified", self.batch.identified());
-        if let Some(words) = self.judgment.words() {
+        if let Some(words) = self.verdict.words() {
             errln!("{words}");
         }
         if let SequenceOutcome::Estimated { summary, .. } = &self.batch.sequence
@@ -394,9 +366,7 @@ impl<'a> Report<'a> {
         {
             errln!("{} of them independently", summary.alone);
         }
-        if let Some(words) = inputs::times_words(&self.batch.times, self.batch.frames.len()) {
-            errln!("times: {words}");
-        }
+        say_times(self.batch);
         if let Some(words) = self.off_center_words() {
             errln!("{words}");
         }
@@ -419,9 +389,9 @@ impl<'a> Report<'a> {
     pub fn no_answer(&self) -> Option<String> {
         let count = self.batch.frames.len();
         match self.batch.identified() {
-            0 => Some(self.judgment.rejection().unwrap_or_else(|| {
+            0 => Some(self.verdict.rejection().unwrap_or_else(|| {
                 let first = self.batch.frames.first();
-                let why = first.map(|f| words(&f.estimate)).unwrap_or_default();
+                let why = first.map(|f| words(f.estimate())).unwrap_or_default();
                 format!("none of {count} frames is identified; the first: {why}")
             })),
             _ => None,
@@ -438,32 +408,4 @@ fn usual_size(sizes: &[[usize; 2]]) -> Option<[usize; 2]> {
     let (usual, count) = counts.into_iter().max_by_key(|(_, count)| *count)?;
     let is_usual = count > 1 && sizes.len() - count <= (sizes.len() / 10).max(1);
     is_usual.then_some(usual)
-}
-
-pub(super) fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
-    [0, 1, 2].map(|i| [0, 1, 2].map(|j| matrix[(i, j)]))
-}
-
-/// Adds a frame's orientation, or why there is none.
-pub(super) fn add_pose(shown_in: CameraFrame, frame: &FrameEstimate, json: &mut Value) {
-    match &frame.outcome {
-        Ok(pose) => {
-            let turned = shown_in.turn() * pose.rotation;
-            json["orientation_wxyz"] = json!(to_wxyz(&turned));
-            json["camera_frame"] = json!(shown_in);
-            let covariance = turned_covariance(&shown_in.turn(), &pose.covariance);
-            json["covariance_rad2"] = json!(rows(&covariance));
-            json["matched"] = frame.matched().into();
-            json["residual_deg"] = pose.residual_rad.to_degrees().into();
-            json["residual_px"] = pose.residual_px.into();
-            json["dots_confidence"] = pose.dots_confidence.into();
-            json["confidence"] = pose.confidence.into();
-            json["hinted"] = pose.hinted.into();
-            if let Some(distance) = pose.distance {
-                json["inverse_distance"] = distance.inverse_distance.into();
-                json["inverse_distance_sigma"] = distance.sigma.into();
-            }
-        }
-        Err(rejection) => json["refusal"] = rejection.to_string().into(),
-    }
 }

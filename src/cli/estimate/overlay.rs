@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::video::VideoWriter;
 use super::{Picture, output};
-use crate::clip::batch::{BatchFrame, TimeSource};
+use crate::clip::{BatchFrame, TimeSource};
 use crate::error::Result;
 use crate::files::Replacement;
 use crate::image::RgbImage;
@@ -91,7 +91,7 @@ pub(super) fn drawn(
 
 /// A frame of one ball.
 pub(super) fn one_ball(estimator: &Estimator, shown: &BatchFrame<Picture>) -> OverlayFrame {
-    let frame = &shown.estimate;
+    let frame = shown.estimate();
     let words = output::words(frame);
     drawn(&shown.name, words, &shown.kept, &[(frame, estimator, None)])
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::output::Report;
 use super::{Picture, overlay};
-use crate::clip::batch::Batch;
+use crate::clip::Batch;
 use crate::error::Result;
 use crate::files;
 use crate::plot::frame_thumbnail;

@@ -2,20 +2,19 @@
 
 use serde_json::{Value, json};
 
-use super::{Arguments, output};
+use super::Arguments;
+use super::written::{FoundSpin, add_orientation, add_spin, clip_json, say_times, spin_words};
 use crate::cli::output::Counter;
 use crate::cli::{inputs, spin_summary};
-use crate::clip::batch::{Batch, BatchFrame, BatchObserver, SequenceOutcome, estimate_inputs};
-use crate::clip::painted::SurfaceObserver;
+use crate::clip::{
+    self, BallEstimate, Batch, BatchFrame, BatchObserver, SequenceOutcome, SurfaceObserver,
+};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::geometry::{CameraFrame, to_wxyz, turned_covariance};
+use crate::geometry::{CameraFrame, turned_covariance};
 use crate::image::RgbImage;
-use crate::spin::SpinRejection;
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
-use crate::spin::summary::SpinSummary;
-use crate::vision::FrameEstimate;
 use crate::vision::outline::circle::CircleConfig;
 use crate::vision::outline::find::OutlineFinder;
 use crate::vision::painted::{PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface};
@@ -32,8 +31,8 @@ struct Shown {
 impl BatchObserver for Shown {
     type Kept = PaintedFrame;
 
-    fn keep(&self, image: &RgbImage, estimate: &FrameEstimate) -> Result<PaintedFrame> {
-        self.observer.keep(image, estimate)
+    fn keep(&self, image: &RgbImage, balls: &[BallEstimate]) -> Result<PaintedFrame> {
+        self.observer.keep(image, balls)
     }
 
     fn progress(&self, frames: usize) {
@@ -57,7 +56,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         observer: SurfaceObserver::default(),
     };
     let tracker = PaintedTracker::new(&arguments.source.camera()?);
-    let mut batch = estimate_inputs(&finder, &arguments.images, &config, &shown)?;
+    let mut batch = clip::run(&finder, &arguments.images, &config, &shown)?;
     shown.counter.finish();
     inputs::say(&batch, &config)?;
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
@@ -129,6 +128,7 @@ impl Arguments {
 
 /// What is reported.
 struct Report<'a> {
+    arguments: &'a Arguments,
     batch: &'a Batch<PaintedFrame>,
     axes: CameraFrame,
     poses: PaintedPoses,
@@ -136,12 +136,12 @@ struct Report<'a> {
     /// Share of the ball that the clip shows.
     known: Option<f64>,
     /// Where all frames have times that increase.
-    spin: Option<std::result::Result<SpinSummary, SpinRejection>>,
+    spin: Option<FoundSpin>,
 }
 
 impl<'a> Report<'a> {
     fn new(
-        arguments: &Arguments,
+        arguments: &'a Arguments,
         batch: &'a Batch<PaintedFrame>,
         poses: PaintedPoses,
         known: Option<f64>,
@@ -156,6 +156,7 @@ impl<'a> Report<'a> {
         let timed = batch.times_s();
         let spin = timed.map(|_| spin_summary::of_rows(&orientations, &config));
         Ok(Self {
+            arguments,
             batch,
             axes,
             poses,
@@ -179,51 +180,29 @@ impl<'a> Report<'a> {
         }
         let count = self.poses.len();
         errln!("{posed} of {count} frames have an orientation");
-        if let Some(words) = inputs::times_words(&self.batch.times, count) {
-            errln!("times: {words}");
-        }
-        match &self.spin {
-            Some(Ok(summary)) => {
-                errln!(
-                    "spin: {}",
-                    spin_summary::lines(summary, self.axes).join("\n")
-                );
-            }
-            Some(Err(rejection)) => errln!("spin: {rejection}"),
-            None => {}
+        say_times(self.batch);
+        if let Some(words) = spin_words(self.spin.as_ref(), self.axes) {
+            errln!("spin: {words}");
         }
     }
 
     fn to_json(&self) -> Value {
         let frames = self.batch.frames.iter().zip(&self.poses);
-        let frames = frames.map(|(frame, pose)| {
+        let frames = frames.zip(&self.orientations.rows);
+        let frames = frames.map(|((frame, pose), row)| {
             let mut json = json!({ "frame": frame.name, "time_s": frame.time_s });
+            add_orientation(row, self.axes, &mut json);
             match (&frame.unreadable, pose) {
                 (Some(why), _) => json["refusal"] = why.clone().into(),
                 (None, Err(why)) => json["refusal"] = why.to_string().into(),
-                (None, Ok(pose)) => {
-                    let turn = self.axes.turn();
-                    let covariance = turned_covariance(&turn, &pose.covariance);
-                    json["orientation_wxyz"] = json!(to_wxyz(&(turn * pose.rotation)));
-                    json["camera_frame"] = json!(self.axes);
-                    json["covariance_rad2"] = json!(output::rows(&covariance));
-                    json["agreement"] = pose.agreement.into();
-                }
+                (None, Ok(pose)) => json["agreement"] = pose.agreement.into(),
             }
             json
         });
-        let mut json = json!({
-            "frame": self.axes,
-            "frames": frames.collect::<Vec<_>>(),
-            "identified": self.poses.iter().flatten().count(),
-            "surface_known": self.known,
-            "times": self.batch.times,
-        });
-        match &self.spin {
-            Some(Ok(summary)) => json["spin"] = spin_summary::to_json(summary, self.axes),
-            Some(Err(rejection)) => json["spin_refusal"] = rejection.to_string().into(),
-            None => {}
-        }
+        let (frames, identified) = (frames.collect(), self.poses.iter().flatten().count());
+        let mut json = clip_json(self.arguments, self.axes, self.batch, frames, identified);
+        json["surface_known"] = self.known.into();
+        add_spin(self.spin.as_ref(), self.axes, &mut json);
         json
     }
 }
@@ -239,17 +218,14 @@ fn orientations(
     let row = |(frame, pose): (&BatchFrame<PaintedFrame>, Option<&PaintedPose>)| OrientationRow {
         frame: frame.name.clone(),
         time_s: frame.time_s.unwrap_or(f64::NAN),
+        // How often a pose is right depends on how far its clip has drifted, which the frame does not know: no confidence.
         orientation: pose.map(|p| turn * p.rotation),
-        dots: None,
-        matched: None,
-        residual_rad: None,
-        // How often a pose is right depends on how far its clip has drifted, which the frame does not know.
-        confidence: None,
         covariance: pose.map(|p| turned_covariance(&turn, &p.covariance)),
-        turn: None,
+        ..OrientationRow::default()
     };
     Orientations {
         rows: rows.map(row).collect(),
         camera_frame: Some(axes),
+        ..Orientations::default()
     }
 }

@@ -5,7 +5,7 @@ use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
 
 use super::{Page, rounded};
-use crate::clip::batch::{Batch, BatchFrame, SequenceOutcome};
+use crate::clip::{Batch, BatchFrame, SequenceOutcome};
 use crate::design::KeepOut;
 use crate::error::Result;
 use crate::geometry::{CameraFrame, Rotation, to_wxyz};
@@ -149,7 +149,7 @@ impl EstimatePage {
             spin_rejection: match &batch.sequence {
                 SequenceOutcome::NoTimes => Some("the frames have no times".to_owned()),
                 SequenceOutcome::TimesNotIncreasing => Some("the times do not increase".to_owned()),
-                SequenceOutcome::Estimated { .. } => spin
+                _ => spin
                     .and_then(|spin| spin.as_ref().err())
                     .map(ToString::to_string),
             },
@@ -198,7 +198,7 @@ fn evenly(n: usize) -> Vec<usize> {
 
 impl PageFrame {
     fn new<K>(shown: &BatchFrame<K>, orientation: Option<&Rotation>) -> Self {
-        let frame: &FrameEstimate = &shown.estimate;
+        let frame: &FrameEstimate = shown.estimate();
         let pose = frame.pose();
         let rejection = frame.outcome.as_ref().err();
         Self {

@@ -145,6 +145,15 @@ impl Hunt {
     }
 }
 
+/// How often a part is halved before it is searched by all its edges.
+pub(crate) fn shrunk_level(part: &Roi) -> u32 {
+    let pixels = part.width * part.height;
+    match pixels > MAX_THOROUGH {
+        true => level_of((pixels as f64).sqrt(), MAX_SHRUNK.sqrt()),
+        false => 0,
+    }
+}
+
 /// The smallest radius, pixels, that is seen in an image that was halved so often.
 fn smallest(level: u32) -> f64 {
     MIN_COARSE * f64::from(1u32 << level)

@@ -168,24 +168,31 @@ pub struct Hypothesis {
 impl Default for FrameEstimate {
     /// Not processed.
     fn default() -> Self {
-        Self {
-            outline: None,
-            circle: None,
-            fit: None,
-            dots: Vec::new(),
-            assignment: Vec::new(),
-            outcome: Err(FrameRejection::NotProcessed),
-            timings: Timings::default(),
-            earlier_attempts: 0,
-            attempts: 0,
-            standing: Standing::default(),
-            hypotheses: [None; 2],
-            blurs: Vec::new(),
-        }
+        Self::NOT_PROCESSED
     }
 }
 
 impl FrameEstimate {
+    /// Nothing is known.
+    pub(crate) const NOT_PROCESSED: Self = Self {
+        outline: None,
+        circle: None,
+        fit: None,
+        dots: Vec::new(),
+        assignment: Vec::new(),
+        outcome: Err(FrameRejection::NotProcessed),
+        timings: Timings {
+            locate: Duration::ZERO,
+            detect: Duration::ZERO,
+            identify: Duration::ZERO,
+        },
+        earlier_attempts: 0,
+        attempts: 0,
+        standing: Standing::Likely,
+        hypotheses: [None; 2],
+        blurs: Vec::new(),
+    };
+
     /// The probability of its pose, accepted or not.
     pub(crate) fn promise(&self) -> f64 {
         match &self.outcome {

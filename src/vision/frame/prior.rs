@@ -17,6 +17,8 @@ use nalgebra::Matrix3;
 const BELIEVED: f64 = 0.05;
 /// Standard deviation of an outline that is given without one, as a part of its radius.
 const GIVEN: f64 = 0.01;
+/// Runs of the recognizer by each of several tables in which a ball is looked for: a frame need not show a ball of each.
+const SHORT_RUNS: usize = 6;
 /// Standard deviations within which an expected ball is looked for.
 const REACH: f64 = 3.0;
 
@@ -111,6 +113,15 @@ impl Budget {
         Self {
             deadline: Instant::now().checked_add(time),
             ..Self::default()
+        }
+    }
+
+    /// That of a frame which is searched by one of several tables.
+    pub(crate) fn short(&self) -> Self {
+        Self {
+            runs: SHORT_RUNS.min(self.runs),
+            search: SearchDepth::Coarse,
+            ..*self
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use spindoe::calibrate::{CalibrationConfig, calibrate, held_out};
-use spindoe::clip::{BatchConfig, SequenceOutcome, estimate_inputs};
+use spindoe::clip::{self, BatchConfig, SequenceOutcome};
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
 
 /// The frames of a folder, estimated, with their times.
@@ -11,7 +11,7 @@ fn frames(dir: &Path) -> (Vec<FrameEstimate>, Vec<f64>) {
     let pattern = crate::common::published_pattern().unwrap();
     let detector = DetectorName::Cnn.build().unwrap();
     let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector).unwrap();
-    let batch = estimate_inputs(
+    let batch = clip::run(
         &estimator,
         &[dir.to_path_buf()],
         &BatchConfig::default(),
@@ -21,7 +21,7 @@ fn frames(dir: &Path) -> (Vec<FrameEstimate>, Vec<f64>) {
     assert!(matches!(batch.sequence, SequenceOutcome::Estimated { .. }));
     let times = batch.frames.iter().map(|f| f.time_s.unwrap()).collect();
     (
-        batch.frames.into_iter().map(|f| f.estimate).collect(),
+        batch.frames.iter().map(|f| f.estimate().clone()).collect(),
         times,
     )
 }

@@ -10,7 +10,7 @@ use spindoe::calibrate::{
     CalibratedDot, CalibrationConfig, KnownDots, Side, SurfaceObserver, UnknownRejection,
     build_pattern, calibrate_built, identify_frames, survey,
 };
-use spindoe::clip::{BatchConfig, BatchObserver};
+use spindoe::clip::{BallEstimate, BatchConfig, BatchObserver};
 use spindoe::geometry::{Rotation, Vec3, angle_between, spiral_directions};
 use spindoe::image::{GrayImage, Picture, RawPixel, RgbImage};
 use spindoe::synth::pen::Spot;
@@ -222,8 +222,10 @@ fn seen_in(
         let mut found = FrameEstimate::default();
         let prior = Prior::default();
         estimator.estimate(&image, &prior, &settings.budget, &mut workspace, &mut found);
-        let shown = observer.keep(&image, &found).unwrap();
-        (found, shown)
+        let balls = [BallEstimate::of(found, 0)];
+        let shown = observer.keep(&image, &balls).unwrap();
+        let [ball] = balls;
+        (ball.frame, shown)
     });
     seen.unzip()
 }

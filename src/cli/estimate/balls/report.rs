@@ -4,39 +4,88 @@ use serde_json::{Value, json};
 
 #[cfg(feature = "plot")]
 use crate::cli::estimate::overlay;
-use crate::cli::estimate::{Arguments, Picture, output};
+use crate::cli::estimate::verdict::VerdictWords;
+use crate::cli::estimate::written::{
+    FoundSpin, add_spin, ball_json, circle_json, clip_json, own_row, say_times, spin_words,
+};
+use crate::cli::estimate::{Arguments, Picture};
 use crate::cli::{inputs, spin_summary};
-use crate::clip::ball_tracks::number_balls;
-use crate::clip::balls::BallEstimate;
-use crate::clip::balls_batch::BallsBatch;
 use crate::clip::orientations;
-use crate::clip::orientations::NamedFrame;
-use crate::clip::strobe::{Strobe, StrobeHypothesis};
+use crate::clip::{
+    BallEstimate, Batch, BatchFrame, NamedFrame, SequenceOutcome, Strobe, StrobeHypothesis,
+};
 use crate::error::Result;
 use crate::files::csv::shown;
 use crate::geometry::CameraFrame;
 #[cfg(feature = "plot")]
 use crate::plot::OverlayFrame;
-use crate::spin::SpinRejection;
-use crate::spin::orientations::{OrientationRow, OrientationWriter};
+use crate::spin::orientations::{BallColumns, OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
-use crate::spin::summary::SpinSummary;
 
-#[cfg(feature = "plot")]
-use crate::clip::batch::TimeSource;
 #[cfg(feature = "plot")]
 use crate::vision::Estimator;
 
 /// Other hypotheses of an exposure that are named in words.
 const MAX_NAMED: usize = 3;
 
-/// A row of the output, with what stands in its further columns.
-struct Row {
+/// A row of the output, and the same as JSON.
+pub(super) struct Row {
     row: OrientationRow,
-    ball: Option<usize>,
-    table: Option<usize>,
-    flash: Option<usize>,
-    json: Value,
+    pub json: Value,
+}
+
+impl Row {
+    /// That of a ball with its number, and its table where there are several.
+    pub fn new(
+        arguments: &Arguments,
+        shown_in: CameraFrame,
+        mut row: OrientationRow,
+        number: Option<usize>,
+        ball: &BallEstimate,
+    ) -> Self {
+        let mut json = ball_json(&row, shown_in, &ball.frame);
+        json["ball"] = json!(number);
+        json["circle"] = json!(ball.circle().as_ref().map(circle_json));
+        row.ball = number;
+        if arguments.table.len() > 1 {
+            let table = table_name(arguments, ball.table);
+            json["table"] = table.as_str().into();
+            json["table_probability"] = ball.tables.get(ball.table).copied().into();
+            row.table = row.orientation.map(|_| table);
+        }
+        Self { row, json }
+    }
+}
+
+/// The rows of an exposure's images, of a frame with this name and time: in order of time, then what the likeliest hypothesis leaves out.
+pub(super) fn strobe_rows(
+    arguments: &Arguments,
+    shown_in: CameraFrame,
+    (name, start_s): (&str, f64),
+    balls: &[BallEstimate],
+    found: &[StrobeHypothesis],
+    numbers: &[Option<usize>],
+) -> Vec<Row> {
+    let lit = found.first().map_or(&[][..], |h| &h.lit[..]);
+    let mut rows = Vec::with_capacity(balls.len());
+    for (at, (image, flash)) in lit.iter().enumerate() {
+        let mut row = found[0].orientations.rows[at].clone();
+        row.frame = name.to_owned();
+        row.time_s += start_s;
+        row.flash = Some(*flash);
+        rows.push(Row::new(arguments, shown_in, row, Some(at), &balls[*image]));
+    }
+    let is_left = |k: &usize| lit.iter().all(|(image, _)| image != k);
+    for k in (0..balls.len()).filter(is_left) {
+        let named = NamedFrame {
+            name,
+            time_s: None,
+            estimate: &balls[k].frame,
+        };
+        let row = own_row(named, shown_in);
+        rows.push(Row::new(arguments, shown_in, row, numbers[k], &balls[k]));
+    }
+    rows
 }
 
 /// A ball of a sequence.
@@ -45,17 +94,15 @@ struct Followed {
     table_probability: f64,
     frames: usize,
     identified: usize,
-    /// Where the frames have times.
-    spin: Option<std::result::Result<SpinSummary, SpinRejection>>,
+    spin: FoundSpin,
 }
 
 /// What is reported.
-pub(super) struct Report<'a> {
+pub(in crate::cli::estimate) struct Report<'a> {
     arguments: &'a Arguments,
     shown_in: CameraFrame,
-    batch: &'a BallsBatch<Picture>,
-    /// For each frame its balls, and their numbers.
-    balls: Vec<Vec<BallEstimate>>,
+    batch: &'a Batch<Picture>,
+    /// For each frame the numbers of its balls.
     numbers: Vec<Vec<Option<usize>>>,
     /// For each frame its balls in the order of their numbers.
     rows: Vec<Vec<Row>>,
@@ -68,77 +115,61 @@ pub(super) struct Report<'a> {
 impl<'a> Report<'a> {
     pub fn new(
         arguments: &'a Arguments,
-        batch: &'a mut BallsBatch<Picture>,
+        batch: &'a Batch<Picture>,
         strobe: Option<&Strobe>,
     ) -> Result<Self> {
-        let shown_in = arguments.frame()?;
-        let times_s = batch
-            .times_s()
-            .filter(|_| strobe.is_none() && !arguments.no_sequence);
-        let mut balls: Vec<Vec<BallEstimate>> = Vec::new();
-        for frame in &mut batch.frames {
-            sort_from_left(&mut frame.balls);
-            balls.push(std::mem::take(&mut frame.balls));
-        }
-        let spin = SpinConfig {
-            max_rps: arguments.max_spin_rps(),
-            times: batch.times.origin(),
-            ..SpinConfig::default()
-        };
-        let numbered = times_s
-            .as_ref()
-            .map(|times_s| number_balls(spin, times_s, &mut balls));
         let mut this = Self {
             arguments,
-            shown_in,
+            shown_in: arguments.frame()?,
             batch,
-            balls: Vec::new(),
             numbers: Vec::new(),
             rows: Vec::new(),
             followed: Vec::new(),
             strobes: Vec::new(),
         };
-        this.numbers = match (numbered, strobe) {
-            (_, Some(strobe)) => this.read_strobes(&balls, strobe),
-            (None, None) => {
-                let from_left = |balls: &Vec<BallEstimate>| (0..balls.len()).map(Some).collect();
-                let numbers: Vec<_> = balls.iter().map(from_left).collect();
-                this.add_rows(&balls, &numbers, None);
-                numbers
-            }
-            (Some(numbered), None) => {
-                this.add_rows(&balls, &numbered.numbers, Some(&spin));
+        match (&batch.sequence, strobe) {
+            (_, Some(strobe)) => this.read_strobes(strobe),
+            (SequenceOutcome::Numbered(numbered), None) => {
+                this.numbers.clone_from(&numbered.numbers);
+                let spin = SpinConfig {
+                    max_rps: arguments.max_spin_rps(),
+                    times: batch.times.origin(),
+                    ..SpinConfig::default()
+                };
+                this.add_rows(Some(&spin));
                 for (number, (table, share)) in numbered.tables.iter().enumerate() {
                     this.followed[number].table = *table;
                     this.followed[number].table_probability = *share;
                 }
-                numbered.numbers
             }
-        };
-        this.balls = balls;
+            _ => {
+                let from_left = |f: &BatchFrame<_>| (0..f.balls.len()).map(Some).collect();
+                this.numbers = batch.frames.iter().map(from_left).collect();
+                this.add_rows(None);
+            }
+        }
         Ok(this)
     }
 
     /// The rows of numbered balls; of a sequence, whose spins are by `spin`, each ball's orientations are in one frame.
-    fn add_rows(
-        &mut self,
-        balls: &[Vec<BallEstimate>],
-        numbers: &[Vec<Option<usize>>],
-        spin: Option<&SpinConfig>,
-    ) {
-        let frames = &self.batch.frames;
-        let mut rows: Vec<Vec<Row>> = balls.iter().map(|_| Vec::new()).collect();
+    fn add_rows(&mut self, spin: Option<&SpinConfig>) {
+        let (frames, numbers) = (&self.batch.frames, &self.numbers);
+        let mut rows: Vec<Vec<Row>> = frames.iter().map(|_| Vec::new()).collect();
         let all = numbers.iter().flatten().flatten();
         let count = all.max().map_or(0, |n| n + 1);
         for number in (0..count).map(Some).chain([None]) {
             let mut places = Vec::new();
-            for (k, (balls, numbers)) in balls.iter().zip(numbers).enumerate() {
-                let of_number = balls.iter().zip(numbers).filter(|(_, n)| **n == number);
+            for (k, (frame, numbers)) in frames.iter().zip(numbers).enumerate() {
+                let of_number = frame
+                    .balls
+                    .iter()
+                    .zip(numbers)
+                    .filter(|(_, n)| **n == number);
                 places.extend(of_number.map(|(ball, _)| (k, ball)));
             }
             let named = places.iter().map(|(k, ball)| NamedFrame {
-                name: &frames[*k].frame.name,
-                time_s: frames[*k].frame.time_s,
+                name: &frames[*k].name,
+                time_s: frames[*k].time_s,
                 estimate: &ball.frame,
             });
             let named: Vec<NamedFrame<'_>> = named.collect();
@@ -149,88 +180,44 @@ impl<'a> Report<'a> {
                     table_probability: 1.0,
                     frames: file.rows.len(),
                     identified: file.rows.iter().filter(|r| r.orientation.is_some()).count(),
-                    spin: Some(spin_summary::of_rows(&file, spin)),
+                    spin: spin_summary::of_rows(&file, spin),
                 });
             }
             for ((k, ball), row) in places.into_iter().zip(file.rows) {
-                let json = ball_json(self.arguments, self.shown_in, number, ball);
-                rows[k].push(Row {
-                    row,
-                    ball: number,
-                    table: Some(ball.table),
-                    flash: None,
-                    json,
-                });
+                rows[k].push(Row::new(self.arguments, self.shown_in, row, number, ball));
             }
         }
         self.rows = rows;
     }
 
     /// The rows of strobed balls: in order of time, then what the likeliest hypothesis leaves out; the numbers of the balls.
-    fn read_strobes(
-        &mut self,
-        balls: &[Vec<BallEstimate>],
-        strobe: &Strobe,
-    ) -> Vec<Vec<Option<usize>>> {
-        let mut all_numbers = Vec::with_capacity(balls.len());
-        for (frame, balls) in self.batch.frames.iter().zip(balls) {
+    fn read_strobes(&mut self, strobe: &Strobe) {
+        for frame in &self.batch.frames {
+            let balls = &frame.balls;
             let found = strobe.read(balls, self.shown_in);
             let numbers = strobe_numbers(balls, &found);
-            let lit = found.first().map_or(&[][..], |h| &h.lit[..]);
-            let start_s = frame.frame.time_s.unwrap_or(0.0);
-            let mut rows = Vec::new();
-            for (at, (image, flash)) in lit.iter().enumerate() {
-                let mut row = found[0].orientations.rows[at].clone();
-                row.frame.clone_from(&frame.frame.name);
-                row.time_s += start_s;
-                let json = ball_json(self.arguments, self.shown_in, Some(at), &balls[*image]);
-                rows.push(Row {
-                    row,
-                    ball: Some(at),
-                    table: Some(balls[*image].table),
-                    flash: Some(*flash),
-                    json,
-                });
-            }
-            let is_left = |k: &usize| lit.iter().all(|(image, _)| image != k);
-            for (ball, number) in (0..balls.len())
-                .filter(is_left)
-                .map(|k| (&balls[k], numbers[k]))
-            {
-                let named = NamedFrame {
-                    name: &frame.frame.name,
-                    time_s: None,
-                    estimate: &ball.frame,
-                };
-                let file = orientations(&[named], self.shown_in, false);
-                let json = ball_json(self.arguments, self.shown_in, number, ball);
-                rows.extend(file.rows.into_iter().map(|row| Row {
-                    row,
-                    ball: number,
-                    table: Some(ball.table),
-                    flash: None,
-                    json: json.clone(),
-                }));
-            }
+            let start_s = frame.time_s.unwrap_or(0.0);
+            let named = (frame.name.as_str(), start_s);
+            let rows = strobe_rows(
+                self.arguments,
+                self.shown_in,
+                named,
+                balls,
+                &found,
+                &numbers,
+            );
             self.rows.push(rows);
             let json = strobe_json(self.arguments, strobe, self.shown_in, &found, &numbers);
             self.strobes.push((found, json));
-            all_numbers.push(numbers);
+            self.numbers.push(numbers);
         }
-        all_numbers
-    }
-
-    /// Where the times came from.
-    #[cfg(feature = "plot")]
-    pub fn times(&self) -> &TimeSource {
-        &self.batch.times
     }
 
     /// A frame with its balls drawn on it.
     #[cfg(feature = "plot")]
     pub fn drawn(&self, k: usize, estimators: &[Estimator]) -> OverlayFrame {
-        let frame = &self.batch.frames[k].frame;
-        let balls = self.balls[k].iter().zip(&self.numbers[k]);
+        let frame = &self.batch.frames[k];
+        let balls = frame.balls.iter().zip(&self.numbers[k]);
         let drawn = balls
             .clone()
             .map(|(ball, number)| (&ball.frame, &estimators[ball.table], *number));
@@ -252,57 +239,38 @@ impl<'a> Report<'a> {
         all.filter(|r| r.row.orientation.is_some()).count()
     }
 
-    pub fn frames(&self) -> usize {
-        self.rows.len()
+    /// Why nothing is answered, where no ball is.
+    pub fn no_answer(&self) -> Option<String> {
+        let frames = self.rows.len();
+        let verdict = VerdictWords::new(&self.batch.judgment, &self.arguments.table);
+        let none = || format!("no ball of {frames} frames is identified");
+        (self.identified() == 0).then(|| verdict.rejection().unwrap_or_else(none))
     }
 
     /// The file of orientations with the columns ball, of several tables table, and of flashes flash.
     pub fn to_csv(&self) -> String {
-        let has_tables = self.arguments.table.len() > 1;
-        let has_flashes = !self.strobes.is_empty();
-        let mut text = String::new();
-        let line = |row: Option<&OrientationRow>| {
-            let mut bytes = Vec::new();
-            let mut writer = OrientationWriter::in_frame(&mut bytes, Some(self.shown_in));
-            // Writing to memory cannot fail.
-            let _ = row.map(|row| writer.write(row));
-            let _ = writer.finish();
-            String::from_utf8(bytes).unwrap_or_default()
+        let rows = self.rows.iter().flatten().map(|r| r.row.clone());
+        let file = Orientations {
+            rows: rows.collect(),
+            camera_frame: Some(self.shown_in),
+            columns: BallColumns {
+                ball: true,
+                table: self.arguments.table.len() > 1,
+                flash: !self.strobes.is_empty(),
+            },
         };
-        let header = line(None);
-        text.push_str(header.trim_end());
-        text.push_str(",ball");
-        text.push_str(if has_tables { ",table" } else { "" });
-        text.push_str(if has_flashes { ",flash\n" } else { "\n" });
-        let number = |n: Option<usize>| n.map_or(String::new(), |n| n.to_string());
-        for row in self.rows.iter().flatten() {
-            let whole = line(Some(&row.row));
-            let own = whole.strip_prefix(&header).unwrap_or(&whole);
-            text.push_str(own.trim_end_matches('\n'));
-            text.push_str(&format!(",{}", number(row.ball)));
-            if has_tables {
-                let named = row.table.filter(|_| row.row.orientation.is_some());
-                let name = named.map(|t| table_name(self.arguments, t));
-                let name = name.unwrap_or_default();
-                text.push_str(&format!(",{}", crate::files::csv::quoted(&name)));
-            }
-            if has_flashes {
-                text.push_str(&format!(",{}", number(row.flash)));
-            }
-            text.push('\n');
-        }
-        text
+        file.to_csv()
     }
 
     pub fn to_json(&self) -> Value {
         let frames = self.batch.frames.iter().zip(&self.rows).enumerate();
         let frames = frames.map(|(k, (frame, rows))| {
             let mut json = json!({
-                "frame": frame.frame.name,
-                "time_s": frame.frame.time_s,
+                "frame": frame.name,
+                "time_s": frame.time_s,
                 "balls": rows.iter().map(|r| r.json.clone()).collect::<Vec<_>>(),
             });
-            if let Some(words) = &frame.frame.unreadable {
+            if let Some(words) = &frame.unreadable {
                 json["refusal"] = words.clone().into();
             }
             if let Some((_, strobe)) = self.strobes.get(k) {
@@ -318,21 +286,20 @@ impl<'a> Report<'a> {
                 "frames": ball.frames,
                 "identified": ball.identified,
             });
-            match &ball.spin {
-                Some(Ok(summary)) => json["spin"] = spin_summary::to_json(summary, self.shown_in),
-                Some(Err(rejection)) => json["spin_refusal"] = rejection.to_string().into(),
-                None => {}
-            }
+            add_spin(Some(&ball.spin), self.shown_in, &mut json);
             json
         });
-        json!({
-            "detector": self.arguments.source.detector,
-            "frame": self.shown_in,
-            "frames": frames.collect::<Vec<_>>(),
-            "balls": balls.collect::<Vec<_>>(),
-            "identified": self.identified(),
-            "times": self.batch.times,
-        })
+        let (frames, identified) = (frames.collect(), self.identified());
+        let mut json = clip_json(
+            self.arguments,
+            self.shown_in,
+            self.batch,
+            frames,
+            identified,
+        );
+        json["detector"] = json!(self.arguments.source.detector);
+        json["balls"] = balls.collect();
+        json
     }
 
     /// Summarizes the outcome on standard error.
@@ -341,14 +308,17 @@ impl<'a> Report<'a> {
         inputs::say_cut_short(&self.batch.cut_short);
         let frames = self.batch.frames.iter().zip(&self.rows).enumerate();
         for (k, (frame, rows)) in frames {
-            let name = shown(&frame.frame.name);
-            if let Some(why) = &frame.frame.unreadable {
+            let name = shown(&frame.name);
+            if let Some(why) = &frame.unreadable {
                 errln!("{why}");
                 continue;
             }
             for row in rows {
                 if let Some(why) = row.json["refusal"].as_str() {
-                    let ball = row.ball.map_or(String::new(), |b| format!(", ball {b}"));
+                    let ball = row
+                        .row
+                        .ball
+                        .map_or(String::new(), |b| format!(", ball {b}"));
                     errln!("{name}{ball}: {why}");
                 }
             }
@@ -365,9 +335,8 @@ impl<'a> Report<'a> {
             self.rows.len()
         );
         // The spin of an exposure needs no times of frames.
-        let times = inputs::times_words(&self.batch.times, self.rows.len());
-        if let Some(words) = times.filter(|_| self.strobes.is_empty()) {
-            errln!("times: {words}");
+        if self.strobes.is_empty() {
+            say_times(self.batch);
         }
         for (number, ball) in self.followed.iter().enumerate() {
             let table = match self.arguments.table.len() {
@@ -378,11 +347,7 @@ impl<'a> Report<'a> {
                     ball.table_probability
                 ),
             };
-            let spin = match &ball.spin {
-                Some(Ok(summary)) => spin_summary::lines(summary, self.shown_in).join("\n"),
-                Some(Err(rejection)) => rejection.to_string(),
-                None => String::new(),
-            };
+            let spin = spin_words(Some(&ball.spin), self.shown_in).unwrap_or_default();
             errln!(
                 "ball {number}:{table} {} of {} frames identified; spin: {spin}",
                 ball.identified,
@@ -396,7 +361,10 @@ impl<'a> Report<'a> {
             return vec!["fewer than two images of the ball: no spin".into()];
         };
         let mut lines = vec![self.hypothesis_words(first)];
-        let lit = first.lit.first().map(|(image, _)| &self.balls[k][*image]);
+        let lit = first
+            .lit
+            .first()
+            .map(|(image, _)| &self.batch.frames[k].balls[*image]);
         if let Some(ball) = lit.filter(|_| self.arguments.table.len() > 1) {
             let name = table_name(self.arguments, ball.table);
             let share = ball.tables.get(ball.table).copied().unwrap_or(f64::NAN);
@@ -461,12 +429,6 @@ fn table_name(arguments: &Arguments, table: usize) -> String {
     path.map_or(String::new(), |path| path.display().to_string())
 }
 
-/// Sorts balls from left to right; what has no outline comes last.
-pub(super) fn sort_from_left(balls: &mut [BallEstimate]) {
-    let left = |ball: &BallEstimate| ball.circle().map_or(f64::INFINITY, |c| c.center.u);
-    balls.sort_by(|a, b| left(a).total_cmp(&left(b)));
-}
-
 /// The numbers of an exposure's images: those of the likeliest hypothesis in order of time, then the others.
 pub(super) fn strobe_numbers(
     balls: &[BallEstimate],
@@ -483,31 +445,6 @@ pub(super) fn strobe_numbers(
         *place = Some(number);
     }
     numbers
-}
-
-/// A ball of a frame.
-pub(super) fn ball_json(
-    arguments: &Arguments,
-    shown_in: CameraFrame,
-    number: Option<usize>,
-    ball: &BallEstimate,
-) -> Value {
-    let frame = &ball.frame;
-    let mut json = json!({
-        "ball": number,
-        "circle": ball.circle().map(|c| json!({
-            "u": c.center.u, "v": c.center.v, "radius": c.radius,
-        })),
-        "outline_source": frame.outline.map(|o| o.source),
-        "dots": frame.dots.len(),
-        "matched": frame.matched(),
-    });
-    if arguments.table.len() > 1 {
-        json["table"] = table_name(arguments, ball.table).into();
-        json["table_probability"] = ball.tables.get(ball.table).copied().into();
-    }
-    output::add_pose(shown_in, frame, &mut json);
-    json
 }
 
 /// The hypotheses of an exposure; `numbers` are those of its images.

@@ -1,0 +1,276 @@
+//! The one way of a clip: its frames of files, folders and videos, each estimated on all cores, then together.
+//!
+//! ```text
+//! table     of several tables of one ball that of the first frames that can say               (choice)
+//! alone     each frame by itself: one ball, all balls, the images of flashes, an outline      (Work)
+//! times     by names, video, rate or table
+//! together  frames in doubt again between their neighbors; missing balls where others lead;
+//!           outlines off the path; rolling rows; the spin; numbers of several balls           (second)
+//! judgment  do the tables fit, are the images mirrored                                        (Judgment)
+//! ```
+//!
+//! Guarantees: frames come in the order of the inputs; each is first estimated independently, so that the
+//! number of threads changes nothing; a file that cannot be read is a rejected frame. Memory: two
+//! pictures more than there are threads wait, 8 bits a color; of a large one only those parts are
+//! converted that are looked at. All estimates are held; the files of frames in doubt are read once more.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use super::balls::BallEstimate;
+use super::batch::{Batch, BatchFrame, BatchObserver, SequenceOutcome};
+use super::config::BatchConfig;
+use super::judgment::Judgment;
+use super::read::{Reading, sources_with};
+use super::times::set_times;
+use super::work::{Work, Worker};
+use crate::error::{Error, Result};
+use crate::image::{ImageView, Picture};
+use crate::source::files::{self, Source, SourceList};
+use crate::source::{Frame, SourceEnd};
+use crate::vision::estimator::Estimator;
+use crate::vision::estimator::propose::MAX_THOROUGH;
+use crate::vision::frame::prior::Prior;
+
+/// Does a work on the frames of files, folders and videos.
+///
+/// # Errors
+/// [`crate::Error::Read`] and [`crate::Error::Input`] of an input or of the table of times; those of
+/// the observer.
+pub fn run<'a, O: BatchObserver>(
+    work: impl Into<Work<'a>>,
+    inputs: &[PathBuf],
+    config: &BatchConfig,
+    observer: &O,
+) -> Result<Batch<O::Kept>> {
+    let work = work.into();
+    if let Work::Poses([]) = work {
+        return Err(Error::argument("table", "expected at least one"));
+    }
+    let listed = files::list_sources(inputs)?;
+    let sources: Vec<&Source> = listed.sources.iter().collect();
+    let anew = || Reading::new(&sources, config);
+    let mut pass = Pass::new(work, config, observer);
+    let mut reading = anew();
+    if let Work::Poses([_, _, ..]) = pass.work {
+        pass.table = pass.choose_table(&mut reading)?;
+        if reading.is_too_much() {
+            reading = anew();
+        }
+    }
+    let mut batch = pass.all(reading, &listed)?;
+    if config.verdict {
+        let judgment = Judgment::of_clip(&pass.work, pass.table, config, &mut batch)?;
+        if judgment.table != pass.table {
+            // Which outlines were tried depends on the table: those of the right one are the answer.
+            pass.table = judgment.table;
+            batch = pass.all(anew(), &listed)?;
+        }
+        batch.judgment = judgment;
+    }
+    Ok(batch)
+}
+
+impl<K: Send> Batch<K> {
+    /// The second pass of one ball's frames and its spin anew, after the estimates have changed.
+    ///
+    /// # Errors
+    /// [`crate::Error::Read`] where a file can no longer be read; those of the observer.
+    pub fn estimate_again(
+        &mut self,
+        estimator: &Estimator,
+        config: &BatchConfig,
+        observer: &impl BatchObserver<Kept = K>,
+    ) -> Result<()> {
+        let pass = Pass::new(estimator.into(), config, observer);
+        self.sequence = pass.as_sequence(&self.sources, &mut self.frames)?;
+        Ok(())
+    }
+}
+
+/// What a pass over the frames needs.
+pub(super) struct Pass<'a, O> {
+    pub work: Work<'a>,
+    /// Of several tables of one ball that in use.
+    pub table: usize,
+    pub config: &'a BatchConfig,
+    observer: &'a O,
+    /// Held by the one thread that works on the colors of a large picture.
+    large: Mutex<()>,
+}
+
+/// A frame and the error by which it is unreadable.
+type Estimated<K> = Result<(BatchFrame<K>, Option<Error>)>;
+
+impl<'a, O: BatchObserver> Pass<'a, O> {
+    fn new(work: Work<'a>, config: &'a BatchConfig, observer: &'a O) -> Self {
+        Self {
+            work,
+            table: 0,
+            config,
+            observer,
+            large: Mutex::new(()),
+        }
+    }
+
+    /// All frames, each alone and then together.
+    fn all(&self, reading: Reading<'_>, listed: &SourceList) -> Result<Batch<O::Kept>> {
+        let (mut frames, mut first_error) = (Vec::new(), None);
+        let alone = |_, frame, worker: &mut Worker<'_>| self.alone(frame, worker);
+        let read = self.each(reading, alone, |(frame, error)| {
+            frames.push(frame);
+            first_error = first_error.take().or(error);
+            self.observer.progress(frames.len());
+        })?;
+        // A file that is no image is a rejected frame among others, and an error alone.
+        let is_hopeless = frames.iter().all(|f| f.unreadable.is_some());
+        if let Some(error) = first_error.filter(|_| is_hopeless) {
+            return Err(error);
+        }
+        let (mut clock, mut cut_short) = (None, Vec::new());
+        let mut first = 0;
+        for (source, (count, end)) in listed.sources.iter().zip(&read) {
+            let scale = end.clock.map_or(1.0, |clock| clock.time_scale());
+            let timed = frames[first..][..*count].iter_mut();
+            timed
+                .flat_map(|f: &mut BatchFrame<_>| &mut f.time_s)
+                .for_each(|time_s| *time_s *= scale);
+            first += count;
+            clock = end.clock.or(clock);
+            if let (Source::Video(path), Some(why)) = (source, &end.cut_short) {
+                cut_short.push((path.clone(), why.clone()));
+            }
+        }
+        let counts = read.into_iter().map(|(count, _)| count);
+        let mut batch = Batch {
+            times: set_times(&self.config.clock, clock, &mut frames)?,
+            frames,
+            sequence: SequenceOutcome::Apart,
+            judgment: Judgment::default(),
+            skipped: listed.skipped.clone(),
+            cut_short,
+            sources: listed.sources.iter().cloned().zip(counts).collect(),
+        };
+        batch.sequence = self.together(&batch.sources, &batch.times, &mut batch.frames)?;
+        Ok(batch)
+    }
+
+    /// Works on frames on all cores; what comes of it is taken in their order.
+    fn each<T: Send>(
+        &self,
+        reading: Reading<'_>,
+        work: impl Fn(usize, Frame, &mut Worker<'_>) -> Result<T> + Sync,
+        take: impl FnMut(T),
+    ) -> Result<Vec<(usize, SourceEnd)>> {
+        // What forbids a worker is known here; one of each thread is made there.
+        let new_worker = || Worker::new(self.work, self.table);
+        drop(new_worker()?);
+        let work = |number, frame, worker: &mut Result<Worker<'_>>| match worker {
+            Ok(worker) => work(number, frame, worker),
+            Err(error) => Err(Error::Internal(error.to_string())),
+        };
+        reading.each(new_worker, work, take)
+    }
+
+    /// A frame by itself.
+    fn alone(&self, frame: Frame, worker: &mut Worker<'_>) -> Estimated<O::Kept> {
+        let mut done = BatchFrame {
+            name: frame.name,
+            path: frame.path,
+            time_s: frame.time_s,
+            first_row_s: None,
+            balls: self.work.unreadable(),
+            size: None,
+            unreadable: None,
+            kept: O::Kept::default(),
+        };
+        let picture = match frame.picture {
+            Ok(picture) => picture,
+            Err(error) => {
+                done.unreadable = Some(error.to_string());
+                return Ok((done, Some(error)));
+            }
+        };
+        let picture = self.upright(picture)?;
+        let image = picture.view()?;
+        done.size = Some([image.width(), image.height()]);
+        let prior = match self.prior(&done.path, &image)? {
+            Ok(prior) => prior,
+            Err(error) => {
+                done.unreadable = Some(format!("{}: {error}", done.path.display()));
+                return Ok((done, Some(error)));
+            }
+        };
+        done.balls = worker.alone(image, &prior, &self.config.budget);
+        done.kept = self.keep(&picture, &done.balls)?;
+        Ok((done, None))
+    }
+
+    /// What is known of a frame, or that its picture lacks the part in which the ball is looked for, which others may have.
+    pub fn prior(&self, path: &Path, image: &ImageView<'_>) -> Result<Result<Prior>> {
+        let circles = self.config.circles.as_ref();
+        let outline = circles.map(|circles| circles.of_frame(path)).transpose()?;
+        let outline = outline.flatten().or(self.config.outline);
+        let roi = self.config.roi.filter(|_| outline.is_none());
+        let region = roi.map(|roi| roi.within(image.width(), image.height()));
+        Ok(region.transpose().map(|region| Prior {
+            region,
+            outline,
+            ..Prior::default()
+        }))
+    }
+
+    /// Works on the pictures of these frames; what comes of it. Their files are read once more: pictures are not kept.
+    pub fn on_pictures(
+        &self,
+        sources: &[(Source, usize)],
+        wanted: &[usize],
+        work: &(impl Fn(usize, ImageView<'_>, &mut Worker<'_>) -> Option<Vec<BallEstimate>> + Sync),
+        frames: &mut [BatchFrame<O::Kept>],
+    ) -> Result<Vec<(usize, Vec<BallEstimate>)>> {
+        if wanted.is_empty() {
+            return Ok(Vec::new());
+        }
+        let (read, numbers) = sources_with(sources, wanted);
+        let again = |at: usize, frame: Frame, worker: &mut Worker<'_>| {
+            let number = numbers.get(at).copied();
+            let number = number.filter(|k| wanted.binary_search(k).is_ok());
+            let (Some(k), Ok(picture)) = (number, frame.picture) else {
+                return Ok(None);
+            };
+            let picture = self.upright(picture)?;
+            let Some(found) = work(k, picture.view()?, worker) else {
+                return Ok(None);
+            };
+            let kept = self.keep(&picture, &found)?;
+            Ok(Some((k, found, kept)))
+        };
+        let mut changed = Vec::new();
+        let reading = Reading::new(&read, self.config);
+        self.each(reading, again, |done| changed.extend(done))?;
+        let changed = changed.into_iter().map(|(k, found, kept)| {
+            frames[k].kept = kept;
+            (k, found)
+        });
+        Ok(changed.collect())
+    }
+
+    /// A picture as the camera would show it without a mirror.
+    pub fn upright(&self, picture: Picture) -> Result<Picture> {
+        match self.config.mirrored {
+            true => picture.mirrored(),
+            false => Ok(picture),
+        }
+    }
+
+    fn keep(&self, picture: &Picture, balls: &[BallEstimate]) -> Result<O::Kept> {
+        if !self.observer.wants_images() {
+            return Ok(O::Kept::default());
+        }
+        let image = picture.view()?;
+        let is_large = image.width() * image.height() > MAX_THOROUGH;
+        let alone = || self.large.lock().unwrap_or_else(PoisonError::into_inner);
+        let _alone = is_large.then(alone);
+        self.observer.keep(&*picture.to_rgb()?, balls)
+    }
+}

@@ -1,0 +1,250 @@
+//! Whole clips: the table that is chosen, mirrors, and that every mode writes the same rows.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use serde_json::Value;
+use spindoe::clip::{self, BallEstimate, Batch, BatchConfig, BatchObserver, Work};
+use spindoe::geometry::CameraFrame;
+use spindoe::image::RgbImage;
+use spindoe::spin::orientations::{OrientationReader, Orientations};
+use spindoe::vision::{DetectorName, Estimator, EstimatorConfig};
+
+use crate::common::{done, random_pattern, spindoe};
+
+/// Counts how often a frame is estimated.
+#[derive(Default)]
+struct Counted(AtomicUsize);
+
+impl BatchObserver for Counted {
+    type Kept = ();
+
+    fn keep(&self, _: &RgbImage, _: &[BallEstimate]) -> spindoe::Result<()> {
+        Ok(())
+    }
+
+    fn progress(&self, _: usize) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// What is known of each frame's ball.
+fn poses<K>(batch: &Batch<K>) -> Vec<String> {
+    let frames = batch.frames.iter().map(|f| f.estimate());
+    frames
+        .map(|f| format!("{:?} {:?}", f.circle, f.outcome))
+        .collect()
+}
+
+#[test]
+fn the_first_frames_that_show_the_ball_choose_its_table() {
+    let dir = tempfile::tempdir().unwrap();
+    let shown = 8;
+    let make = ["synth", "dots20", "--frames", "8", "--seed", "3", "-o", "c"];
+    done(dir.path(), &make);
+    // A ball that comes late: more frames without it than are looked at before steps grow.
+    let folder = dir.path().join("late");
+    std::fs::create_dir(&folder).unwrap();
+    let blank = 20;
+    for k in 0..blank {
+        let image = RgbImage::new(80, 80, vec![[0.4; 3]; 6_400]).unwrap();
+        image.write_png(&folder.join(format!("{k}.png"))).unwrap();
+    }
+    let images = std::fs::read_dir(dir.path().join("c/images")).unwrap();
+    let mut images: Vec<PathBuf> = images.map(|entry| entry.unwrap().path()).collect();
+    images.sort();
+    for (k, image) in images.iter().enumerate() {
+        std::fs::copy(image, folder.join(format!("{}.png", blank + k))).unwrap();
+    }
+    let right = spindoe::pattern::Pattern::read_csv(&dir.path().join("c/pattern.csv")).unwrap();
+    let estimator = |pattern: &spindoe::pattern::Pattern| {
+        let detector = DetectorName::Cnn.build().unwrap();
+        Estimator::new(pattern, EstimatorConfig::default(), detector).unwrap()
+    };
+    let tables = [random_pattern(20, 5), random_pattern(16, 6), right].map(|p| estimator(&p));
+    let config = BatchConfig {
+        verdict: true,
+        ..BatchConfig::default()
+    };
+    let inputs = [folder];
+    let alone = clip::run(&tables[2], &inputs, &config, &()).unwrap();
+    assert!(alone.identified() >= shown - 1, "{:?}", poses(&alone));
+    for turn in 0..3 {
+        let mut tables = tables.to_vec();
+        tables.rotate_left(turn);
+        let counted = Counted::default();
+        let found = clip::run(Work::Poses(&tables), &inputs, &config, &counted).unwrap();
+        assert_eq!(found.judgment.table, 2 - turn);
+        assert_eq!(poses(&found), poses(&alone), "{turn}");
+        // With the right table from the first frame on, none is estimated twice.
+        assert_eq!(counted.0.into_inner(), blank + shown, "{turn}");
+    }
+}
+
+/// Two balls, as a camera and as a mirror shows them.
+fn two_balls(dir: &Path) {
+    let make = [
+        "synth",
+        "dots20",
+        "--also",
+        "dots32",
+        "--frames",
+        "8",
+        "--seed",
+        "6",
+        "--image-size",
+        "640x480",
+        "--ball-px",
+        "60",
+        "--rps",
+        "20",
+    ];
+    done(dir, &[&make[..], &["-o", "two"]].concat());
+    done(dir, &[&make[..], &["--mirrored", "-o", "flipped"]].concat());
+}
+
+const TABLES: [&str; 7] = [
+    "estimate",
+    "--table",
+    "two/table.npz",
+    "--table",
+    "two/table2.npz",
+    "--balls",
+    "2",
+];
+
+#[test]
+fn a_mirrored_clip_of_several_balls_is_named_and_read() {
+    let dir = tempfile::tempdir().unwrap();
+    two_balls(dir.path());
+    let output = spindoe(dir.path(), &[&TABLES[..], &["flipped", "--json"]].concat());
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(3), "{words}");
+    assert!(words.contains("the images are mirrored (odds "), "{words}");
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(
+        (&json["verdict"]["verdict"], &json["identified"]),
+        (&"mirrored".into(), &0.into())
+    );
+    let flipped = done(
+        dir.path(),
+        &[&TABLES[..], &["flipped", "--mirrored"]].concat(),
+    );
+    let direct = done(dir.path(), &[&TABLES[..], &["two"]].concat());
+    // The same pixels, flipped twice.
+    assert_eq!(flipped, direct);
+    // A ball that carries none of the tables has no pose by accident, and does not spoil the other's.
+    let one = [
+        "estimate",
+        "--table",
+        "two/table.npz",
+        "--balls",
+        "2",
+        "two",
+        "--json",
+    ];
+    let json: Value = serde_json::from_str(&done(dir.path(), &one)).unwrap();
+    assert_eq!(json["verdict"]["verdict"], "fits");
+    let identified = json["balls"].as_array().unwrap().iter();
+    let mut identified: Vec<u64> = identified
+        .map(|b| b["identified"].as_u64().unwrap())
+        .collect();
+    identified.sort_unstable();
+    assert!(identified.pop() >= Some(7), "{json}");
+    assert!(identified.iter().all(|count| *count == 0), "{json}");
+}
+
+#[test]
+fn what_a_mode_writes_is_one_row_in_every_form() {
+    let dir = tempfile::tempdir().unwrap();
+    two_balls(dir.path());
+    let run = [&TABLES[..], &["two", "--json", "-o", "rows.csv"]].concat();
+    let json: Value = serde_json::from_str(&done(dir.path(), &run)).unwrap();
+    let path = dir.path().join("rows.csv");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let (header, rows) = text.split_once('\n').unwrap();
+    assert!(header.ends_with(",turn_sd_y,ball,table"), "{header}");
+    let names: Vec<&str> = header.split(',').collect();
+    let number = |row: &str, name: &str| {
+        let at = names.iter().position(|n| *n == name).unwrap();
+        row.split(',').nth(at).unwrap().parse::<f64>().ok()
+    };
+    let frames = json["frames"].as_array().unwrap().iter();
+    let balls: Vec<&Value> = frames
+        .flat_map(|f| f["balls"].as_array().unwrap())
+        .collect();
+    assert_eq!(rows.lines().count(), balls.len());
+    for (row, ball) in rows.lines().zip(balls) {
+        assert_eq!(number(row, "ball"), ball["ball"].as_f64(), "{row}");
+        for (k, name) in ["qw", "qx", "qy", "qz"].into_iter().enumerate() {
+            let written = ball["orientation_wxyz"][k].as_f64();
+            let is_close = match (number(row, name), written) {
+                (Some(a), Some(b)) => (a - b).abs() < 1e-12,
+                (a, b) => a == b,
+            };
+            assert!(is_close, "{name}: {row} {ball}");
+        }
+    }
+    // What is read has what was written, and one ball of it at a time.
+    let refused = Orientations::read_csv(&path).unwrap_err().to_string();
+    assert!(
+        refused.contains("the file holds balls 0 and 1"),
+        "{refused}"
+    );
+    let reader = OrientationReader::new(&path, text.as_bytes()).unwrap();
+    let read = Orientations::collect(reader.of_ball(1)).unwrap();
+    assert!(read.columns.ball && read.columns.table && !read.columns.flash);
+    assert_eq!(read.camera_frame, Some(CameraFrame::View));
+    assert!(read.rows.iter().all(|row| row.ball == Some(1)));
+    let own = read.to_csv();
+    let mut lines = own.lines();
+    assert_eq!(lines.next(), Some(header));
+    let of_ball = rows.lines().filter(|row| number(row, "ball") == Some(1.0));
+    for (again, row) in lines.zip(of_ball) {
+        // The residual in degrees is stored in radians.
+        let rest = |row: &str| row.split(',').skip(9).collect::<Vec<_>>().join(",");
+        assert_eq!(rest(again), rest(row));
+    }
+}
+
+#[test]
+fn a_mirrored_stream_is_read_as_its_camera_saw_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let lines = |name: &str, flags: &[&str]| {
+        let make = [
+            "synth", "dots20", "--frames", "5", "--seed", "4", "-o", name,
+        ];
+        let mirror = if flags.is_empty() {
+            &[][..]
+        } else {
+            &["--mirrored"]
+        };
+        done(dir.path(), &[&make[..], mirror].concat());
+        let images = std::fs::read_dir(dir.path().join(name).join("images")).unwrap();
+        let mut images: Vec<PathBuf> = images.map(|entry| entry.unwrap().path()).collect();
+        images.sort();
+        let bytes = images.iter().map(|image| std::fs::read(image).unwrap());
+        let stream = bytes.collect::<Vec<_>>().concat();
+        std::fs::write(dir.path().join("stream"), stream).unwrap();
+        let table = format!("{name}/table.npz");
+        let follow = [
+            "estimate", "--table", &table, "--follow", "stream", "--fps", "350",
+        ];
+        let text = done(dir.path(), &[&follow[..], flags].concat());
+        let frame = |line: &str| {
+            let mut json: Value = serde_json::from_str(line).unwrap();
+            json["latency_ms"] = Value::Null;
+            json
+        };
+        text.lines().map(frame).collect::<Vec<_>>()
+    };
+    let direct = lines("c", &[]);
+    assert!(
+        direct
+            .iter()
+            .filter(|l| l["confidence"].is_number())
+            .count()
+            >= 4
+    );
+    assert_eq!(lines("m", &["--mirrored"]), direct);
+}
