@@ -35,7 +35,13 @@ pub struct FailureRate {
     /// Views that look like others; `None` leaves them out.
     pub confusion: Option<Confusion>,
     /// What a confusion of four dots counts.
+    #[serde(default = "given")]
     pub confusion_weight: f64,
+}
+
+/// The weight of searches and reports that do not state it.
+fn given() -> f64 {
+    WEIGHT_GIVEN
 }
 
 impl Default for FailureRate {

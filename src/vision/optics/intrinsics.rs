@@ -93,7 +93,7 @@ impl Intrinsics {
         };
         if !read.is_a_camera() || rest.iter().any(|x| *x != 0.0) {
             return refused(format!(
-                "expected rows fx s cx, 0 fy cy, 0 0 1 with positive focal lengths, found {:?}",
+                "expected rows fx s cx, 0 fy cy, 0 0 1 with positive focal lengths, found {:.3e?}",
                 k.transpose().as_slice()
             ));
         }

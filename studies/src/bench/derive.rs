@@ -24,7 +24,7 @@ const INPUTS: [&str; 6] = [
     "models/dots.npz",
     "models/dots-large.npz",
     "models/outline.npz",
-    "designs/dots12/pattern.csv",
+    "studies/patterns/hidden12.csv",
     "designs/dots20/pattern.csv",
     "designs/dots32/pattern.csv",
 ];

@@ -6,10 +6,9 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::Instant;
 
-/// Most address space of the command, KiB: that of its threads, and of the largest file that a format allows.
-const MAX_MEMORY_KIB: u32 = 300_000;
-/// The same where the command asks for more before it reads.
-const MAX_DESIGN_KIB: u32 = 420_000;
+/// Most address space of the command, KiB: what any command asks for on two threads before it reads, and less than what
+/// it would read without a bound.
+const MAX_MEMORY_KIB: u32 = 620_000;
 
 /// How an endless input begins, and its piece number `k`.
 struct Endless {
@@ -170,7 +169,7 @@ fn endless_inputs_are_refused() {
         refused(dir, arguments, input, MAX_MEMORY_KIB);
     }
     let resumed = "design --resume --output design";
-    refused(dir, resumed, &JSON, MAX_DESIGN_KIB);
+    refused(dir, resumed, &JSON, MAX_MEMORY_KIB);
     for image in &IMAGES {
         for arguments in [
             "estimate --table p.csv /dev/stdin",
