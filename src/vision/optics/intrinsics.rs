@@ -93,8 +93,8 @@ impl Intrinsics {
         };
         if !read.is_a_camera() || rest.iter().any(|x| *x != 0.0) {
             return refused(format!(
-                "expected rows fx s cx, 0 fy cy, 0 0 1 with positive focal lengths, found {:.3e?}",
-                k.transpose().as_slice()
+                "expected rows fx s cx, 0 fy cy, 0 0 1 with positive focal lengths, found {}",
+                crate::files::csv::shown(&format!("{:?}", k.transpose().as_slice()))
             ));
         }
         Ok(read)
