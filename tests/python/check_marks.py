@@ -79,7 +79,9 @@ def read_svg(path, faults):
     root = ET.parse(path).getroot()
     note = json.loads(root.find(SVG + "metadata").text)
     width, height = root.get("viewBox").split()[2:]
-    true = (root.get("width"), root.get("height")) == (f"{width}mm", f"{height}mm")
+    # A plotter's units are its steps, without a size.
+    unit = "" if note["kind"] == "plotter" else "mm"
+    true = (root.get("width"), root.get("height")) == (f"{width}{unit}", f"{height}{unit}")
     faults.expect(true, "the SVG is not true to size")
     height = float(height)
     sheet = Sheet(float(width), height)
