@@ -445,9 +445,9 @@ fn dots_that_a_camera_hardly_sees_are_warned_of() {
         "--pen-diameter-mm",
         "1",
     ]);
-    assert!(thin.contains("warning: dots of 1.4 mm"), "{thin}");
+    assert!(thin.contains("note: dots of 1.4 mm"), "{thin}");
     let usual = said(&["pattern.csv", "-o", "usual", "--no-numbers"]);
-    assert!(!usual.contains("warning"), "{usual}");
+    assert!(!usual.contains("note: dots"), "{usual}");
 }
 
 #[test]

@@ -546,10 +546,11 @@ fn of_npz(bytes: &[u8]) -> npz::Checked<Value> {
     let arrays = npz::small_arrays(bytes)?;
     let text = |x: &f64| Value::Text(x.to_string());
     let entries = arrays.iter().map(|(name, numbers)| {
-        (
-            name.clone(),
-            Value::List(numbers.iter().map(text).collect()),
-        )
+        let value = match numbers.as_slice() {
+            [one] => text(one),
+            all => Value::List(all.iter().map(text).collect()),
+        };
+        (name.clone(), value)
     });
     Ok(Value::Map(entries.collect()))
 }
