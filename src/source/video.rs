@@ -257,6 +257,9 @@ impl DecoderLog {
         let lines = BufReader::new(from).split(b'\n').map_while(|l| l.ok());
         for bytes in lines {
             let line = String::from_utf8_lossy(&bytes).into_owned();
+            if log.damage.is_none() {
+                log.damage = damage_in(&line).map(str::to_owned);
+            }
             if let Some((_, rest)) = line.split_once("pts_time:") {
                 let time = rest.split_whitespace().next();
                 let time = time.and_then(|t| t.parse().ok());
@@ -275,9 +278,6 @@ impl DecoderLog {
             } else if line.trim_start().starts_with("Stream #") && line.contains(" Audio: ") {
                 log.has_sound = true;
             } else if !line.trim().is_empty() {
-                if log.damage.is_none() && is_damage(&line) {
-                    log.damage = Some(line.clone());
-                }
                 log.last = line;
             }
         }
@@ -305,6 +305,21 @@ impl DecoderLog {
             ));
         }
     }
+}
+
+/// What a line tells of damage. A frame is described in pieces, and what another thread says may stand among them.
+fn damage_in(line: &str) -> Option<&str> {
+    let tags = line
+        .match_indices(" @ 0x")
+        .filter_map(|(at, _)| line[..at].rfind('['));
+    let mut begins = vec![0];
+    begins.extend(tags.filter(|begin| *begin > 0));
+    let ends = begins[1..].iter().copied().chain([line.len()]);
+    let mut parts = begins
+        .iter()
+        .zip(ends)
+        .map(|(begin, end)| &line[*begin..end]);
+    parts.find(|part| is_damage(part)).map(str::trim_end)
 }
 
 /// Whether a line tells of damage: a decoder's or a container's, and not what they print of the file.
@@ -355,6 +370,10 @@ mod tests {
         assert_eq!(log(1, "").damage, None);
         let raw = "[image2pipe @ 0x56497fa8d200] Application provided invalid, non monotonically increasing dts to muxer in stream 0: 0 >= 0\n";
         assert_eq!(log(60, raw).damage, None);
+        // Two threads that speak at once.
+        let both = "[Parsed_showinfo_0 @ 0x5] n: 7 pts: 70 pts_time:0.07 [h264 @ 0x6] error while decoding MB 3 2\n mean:[128]\n";
+        let of_decoder = "[h264 @ 0x6] error while decoding MB 3 2";
+        assert_eq!(log(60, both).damage.as_deref(), Some(of_decoder));
         // Nor is one whose sound is longer, or whose pictures begin late.
         let sound =
             "  Stream #0:1[0x2](und): Audio: aac (LC), 44100 Hz, mono, fltp, 69 kb/s (default)\n";
