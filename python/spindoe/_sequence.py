@@ -267,8 +267,8 @@ def _sequence(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Se
         curve: SpinCurve | None = None
         if "curve_times_s" in arrays:
             knots = len(arrays["curve_times_s"])
-            columns = [get(f"curve_{name}", knots, *shape) for name, shape in _CURVE_SHAPES.items()]
-            curve = SpinCurve(*columns, get("curve_spread_rad_s").item())
+            columns = {name: get(f"curve_{name}", knots, *shape) for name, shape in _CURVE_SHAPES.items()}
+            curve = SpinCurve(**columns, spread_rad_s=get("curve_spread_rad_s").item())
         ratios = arrays["alias_log_likelihood_ratios"]
         aliases = zip(get("alias_spins_rad_s", len(ratios), 3), ratios.tolist(), strict=True)
         spin = Spin(
