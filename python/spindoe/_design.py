@@ -152,7 +152,7 @@ class Design:
     """Number of dots, 4 to 64; None: those of `pattern`, else 20."""
     seed: int = 0
     """Seed of the random starts; the seeds of all trials are derived from it."""
-    starts: int = 16
+    starts: int = 8
     """Random starts per round."""
     rounds: int = 1
     """Rounds."""

@@ -67,7 +67,7 @@ def test_a_callback_ends_a_design(tmp_path):
 def test_bad_settings_are_named(tmp_path):
     for settings, words in [
         ({"dots": 2}, "dots: expected 4 to 64"),
-        ({"starts": -1}, "starts: .*default: 16"),
+        ({"starts": -1}, "starts: .*default: 8"),
         ({"samples": 0}, "samples: expected at least 1"),
         ({"protocol": "easy"}, "protocol: .*sparse"),
         ({"pictures": ["gif"]}, "pictures: expected one of png, svg"),
