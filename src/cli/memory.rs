@@ -62,8 +62,7 @@ impl Need {
 
     fn mib(self, threads: u64) -> u64 {
         let (each, beside) = self.heaps;
-        let cores = std::thread::available_parallelism().map_or(1, |n| n.get() as u64);
-        self.base + THREAD_MIB * (each * threads + beside).min(MAX_HEAPS * cores)
+        self.base + THREAD_MIB * (each * threads + beside).min(MAX_HEAPS * cores())
     }
 }
 
@@ -81,7 +80,11 @@ fn address_space_mib() -> Option<u64> {
 fn threads() -> u64 {
     let given = std::env::var("RAYON_NUM_THREADS").ok();
     let given = given.and_then(|text| text.parse().ok()).filter(|n| *n > 0);
-    given.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get() as u64))
+    given.unwrap_or_else(cores)
+}
+
+fn cores() -> u64 {
+    std::thread::available_parallelism().map_or(1, |n| n.get() as u64)
 }
 
 /// Rejects a limit that a command does not fit in.

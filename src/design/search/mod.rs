@@ -233,9 +233,8 @@ impl Search<'_> {
             .cloned()
             .collect();
         self.climb(state, &chosen)?;
-        let mut reached = reached(state);
+        let reached = reached(state, std::mem::take(&mut self.unfinished));
         if self.stopped() {
-            reached.append(&mut self.unfinished);
             self.unfinished = self.best_tried(state, reached)?;
             return Ok(false);
         }
@@ -351,11 +350,15 @@ impl Search<'_> {
 
 /// Where each start of the round has come to: to the end of its descent, or to its first steps where it went no
 /// further or left the constraints.
-fn reached(state: &SearchState) -> Vec<Candidate> {
-    let of_start = |scouted: &Candidate| {
-        let mut climbed = state.climbed.iter().filter(|c| c.missed.is_none());
-        let further = climbed.find(|c| c.start == scouted.start);
-        further.unwrap_or(scouted).clone()
-    };
-    state.scouted.iter().map(of_start).collect()
+fn reached(state: &SearchState, unfinished: Vec<Candidate>) -> Vec<Candidate> {
+    let whole = state.scouted.iter().chain(&state.climbed).cloned();
+    let mut reached: Vec<Candidate> = Vec::with_capacity(state.scouted.len());
+    for candidate in whole.chain(unfinished) {
+        match reached.iter_mut().find(|r| r.start == candidate.start) {
+            Some(before) if candidate.missed.is_none() => *before = candidate,
+            Some(_) => {}
+            None => reached.push(candidate),
+        }
+    }
+    reached
 }
