@@ -24,6 +24,9 @@ pub(super) const MAX_DETECTION: f64 = 0.98;
 const SIGMAS_RAD: std::ops::RangeInclusive<f64> = 1e-9..=1.0;
 /// A dot farther than this many standard deviations from a pattern dot is no match.
 pub(super) const GATE: f64 = 10.0;
+/// Matches that cost more than this many nats do not count, even to bring the number of dots left out nearer to
+/// the usual one.
+pub(super) const MIN_GAIN: f64 = -7.0;
 /// Maximum weight of a dot during the search: near the pole one dot alone would determine the
 /// rotation.
 pub(super) const SEARCH_WEIGHT: f64 = 1.0;
@@ -61,6 +64,8 @@ pub(super) struct Model {
     max_false_count: Vec<f64>,
     /// Maximum gain of a dot beyond its peak density: `ln P_d + ln_kernel(0)`.
     most: f64,
+    /// Maximum worth of a pattern dot.
+    max_worth: f64,
 }
 
 /// What a pattern dot at some z adds to the log-likelihood.
@@ -90,6 +95,8 @@ pub(super) struct Dot {
     pub sigma_max: f64,
     /// ln of the Gaussian's peak over the false-dot density.
     pub ln_peak: f64,
+    /// Squared distance, in standard deviations, beyond which no match gains [`MIN_GAIN`].
+    pub reach_squared: f64,
     /// Upper bound of what the dot adds to the log-likelihood ratio, the penalty of missing it
     /// included.
     pub most: f64,
@@ -162,6 +169,11 @@ impl Model {
                 visible,
             }
         });
+        let visibility: Vec<_> = visibility.collect();
+        let max_worth = visibility
+            .iter()
+            .map(|v| v.worth)
+            .fold(f64::NEG_INFINITY, f64::max);
         let false_count = view.false_dots.over_poisson();
         let mut max_false_count = false_count.clone();
         for k in (1..max_false_count.len()).rev() {
@@ -172,7 +184,7 @@ impl Model {
         Self {
             kernel,
             weight,
-            visibility: visibility.collect(),
+            visibility,
             ln_given: given.map_or_else(Vec::new, |given| ln_given(given, pattern_dots)),
             lines: TANGENTS.map(|u| tangent(shape, u)),
             ln_false_density: mean_false.ln() + view.ln_false_density(),
@@ -181,6 +193,7 @@ impl Model {
             false_count,
             max_false_count,
             most: peak + if given.is_none() { detected.ln() } else { 0.0 },
+            max_worth,
         }
     }
 
@@ -196,6 +209,12 @@ impl Model {
         let k = at as usize;
         let here = self.kernel[k];
         Some(here + (self.kernel[k + 1] - here) * (at - k as f64))
+    }
+
+    /// The squared distance from which on the kernel, which falls, does not exceed `least`; at most the gate's.
+    fn reach_squared(&self, least: f64) -> f64 {
+        let steps = self.kernel.partition_point(|&ln| ln > least);
+        (steps as f64 / KERNEL_STEPS).min(GATE).powi(2)
     }
 
     /// Weight of a displacement in a least-squares step towards the kernel's maximum,
@@ -296,6 +315,7 @@ impl Model {
             isotropic,
             sigma_max,
             ln_peak,
+            reach_squared: self.reach_squared(MIN_GAIN - ln_peak - self.max_worth),
             most: (ln_peak + self.most).max(0.0),
         })
     }

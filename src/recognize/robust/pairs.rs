@@ -7,7 +7,7 @@
 use nalgebra::Matrix3;
 use wide::f32x4;
 
-use crate::geometry::Vec3;
+use crate::geometry::{Vec3, angle_between};
 
 /// Number of values handled together; patterns are padded to a multiple of it.
 pub(super) const LANES: usize = 4;
@@ -17,7 +17,8 @@ const MIN_SINE: f64 = 0.075;
 /// An ordered pair of pattern dots.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PatternPair {
-    pub cosine: f64,
+    cosine: f64,
+    pub angle_rad: f64,
     pub first: u16,
     pub second: u16,
 }
@@ -40,6 +41,7 @@ impl PatternPairs {
                 if i != j && a.cross(b).norm() > MIN_SINE {
                     pairs.push(PatternPair {
                         cosine: a.dot(b),
+                        angle_rad: angle_between(a, b),
                         first: i as u16,
                         second: j as u16,
                     });

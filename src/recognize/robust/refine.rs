@@ -17,7 +17,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Matrix3, Rotation3};
 
 use super::hint::Prior;
-use super::model::{Dot, FINAL_WEIGHT, GATE, Model, SEARCH_WEIGHT};
+use super::model::{Dot, FINAL_WEIGHT, MIN_GAIN, Model, SEARCH_WEIGHT};
 use crate::geometry::Vec3;
 
 /// Marks an observed dot without a pattern dot.
@@ -28,9 +28,6 @@ const PAIR_WIDENING: f64 = 2.5;
 const MAX_TURNS: usize = 8;
 /// Steps towards the reported rotation.
 const POLISH_STEPS: usize = 5;
-/// Matches that cost more than this many nats do not count, even to bring the number of dots left out nearer to
-/// the usual one.
-const MIN_GAIN: f64 = -7.0;
 /// Minimum number of dots that support an explanation.
 pub(super) const MIN_MATCHED: usize = 2;
 /// Nats that the alternations after the second one hardly ever add.
@@ -233,8 +230,9 @@ impl Refiner {
     /// Assigns observed to pattern dots, best link first; what the matches gain over missing.
     fn assign(&mut self, model: &Model, dots: &[Dot], spread: &[f64], ratio: f64) -> f64 {
         self.links.clear();
+        let ln_ratio = ratio.ln();
         for (i, dot) in dots.iter().enumerate() {
-            let reach = 0.5 * GATE * GATE * ratio * dot.sigma_max * dot.sigma_max;
+            let reach = 0.5 * dot.reach_squared * ratio * dot.sigma_max * dot.sigma_max;
             for (j, q) in self.rotated.iter().enumerate() {
                 let own = spread.get(j).map_or(1.0, |v| 1.0 + v * dot.radial);
                 if dot.direction.dot(q) < 1.0 - reach * own {
@@ -244,7 +242,7 @@ impl Refiner {
                 let Some(kernel) = model.ln_kernel(dot.distance_squared(q) / ratio) else {
                     continue;
                 };
-                let gain = dot.ln_peak - ratio.ln() + kernel + self.worth[j];
+                let gain = dot.ln_peak - ln_ratio + kernel + self.worth[j];
                 if gain > MIN_GAIN {
                     self.links.push(Link {
                         gain,

@@ -138,7 +138,7 @@ impl Screen {
         let own = dots[a].ln_peak + dots[b].ln_peak;
         let mut threshold = FAR;
         for index in pairs.between(low, high) {
-            let misfit = (pairs.pair(index).cosine.clamp(-1.0, 1.0).acos() - observed) / spread;
+            let misfit = (pairs.pair(index).angle_rad - observed) / spread;
             let prior = bias.as_ref().map_or(0.0, |b| b(index));
             let own = (own + prior) as f32
                 + self.pair_kernel(model, misfit as f32)

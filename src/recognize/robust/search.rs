@@ -1,4 +1,5 @@
-//! The search over pairs of observed dots.
+//! The search over pairs of observed dots. It ends when the best explanation is settled, or when pairs bring no more
+//! evidence.
 
 use super::RobustRecognizer;
 use super::hint::Prior;
@@ -15,6 +16,12 @@ const DOUBT: f64 = 9.0;
 const PATIENCE: usize = 4;
 /// Nats that a refinement hardly ever adds to the screening's score, less [`DOUBT`].
 const HOPELESS: f64 = 16.0;
+/// Passes in a row that bring no evidence before the search ends, where most dots are explained. In `clutter` it takes 0.6 of the time that 64 pairs
+/// take, with as many orientations right (99.07 and 87.60 % of 10 000 trials with 20 and 12 dots; 87.61 by all pairs) and
+/// 0.1 % fewer views with every dot named.
+const IDLE_PASSES: usize = 6;
+/// Nats of evidence that count as some.
+const EVIDENCE: f64 = 0.01;
 /// Nats by which the best explanation must exceed the bound of the unseen ones.
 const UNSEEN: f64 = 4.0;
 /// Fewer dots than this leave the choice among hypotheses to the hint.
@@ -75,12 +82,22 @@ impl RobustRecognizer {
     fn passes(&self, most: usize, prior: Option<&Prior>, ws: &mut RobustWorkspace) {
         // The best conceivable explanation matches every dot perfectly.
         let mut unseen: f64 = ws.dots.iter().map(|d| d.most).sum();
-        let mut left_out = 0;
+        let (mut left_out, mut idle) = (0, 0);
+        let mut evidence = ws.found.ln_evidence();
         for _ in 0..most {
             let Some((pair, disjoint)) = ws.next_pair() else {
                 return;
             };
             self.pass(pair, prior, ws);
+            let before = std::mem::replace(&mut evidence, ws.found.ln_evidence());
+            idle = if evidence > before + EVIDENCE {
+                0
+            } else {
+                idle + 1
+            };
+            if idle >= IDLE_PASSES && explains_most(ws) {
+                return;
+            }
             if disjoint {
                 unseen -= ws.dots[pair[0]].most.min(ws.dots[pair[1]].most);
                 left_out += 1;
@@ -188,10 +205,18 @@ impl RobustRecognizer {
         let assignment = ws.found.assignment(best);
         let explains_pair = assignment[a] != UNASSIGNED && assignment[b] != UNASSIGNED;
         // Of two poses with dots of their own only one explains this pair.
-        let matched = assignment.iter().filter(|&&j| j != UNASSIGNED).count();
         explains_pair
-            && 2 * matched > assignment.len()
+            && explains_most(ws)
             && evidence - self.null.ln_evidence(ws.dots.len()) > DOUBT
             && best.refined.ln_evidence - ws.found.best_rival(best) > DOUBT
     }
+}
+
+/// Whether the best explanation leaves out fewer dots than it names.
+fn explains_most(ws: &RobustWorkspace) -> bool {
+    ws.found.best().is_some_and(|best| {
+        let assignment = ws.found.assignment(best);
+        let matched = assignment.iter().filter(|&&j| j != UNASSIGNED).count();
+        2 * matched > assignment.len()
+    })
 }
