@@ -117,10 +117,7 @@ pub fn redraw(dir: &Path, to: &Path, formats: &[PictureFormat]) -> Result<()> {
 fn progress(dir: &Path, report: &DesignReport, formats: &[PictureFormat]) -> Result<()> {
     let protocol = report.config.views;
     let milestones = &report.milestones;
-    let Some(first) = milestones.first() else {
-        return Ok(());
-    };
-    if milestones.len() == 1 {
+    let [first, _, ..] = milestones.as_slice() else {
         let tried = report.finalists.iter().filter_map(|f| f.answered.as_ref());
         let points: Vec<RatePoint> = (1..)
             .zip(tried)
@@ -143,7 +140,7 @@ fn progress(dir: &Path, report: &DesignReport, formats: &[PictureFormat]) -> Res
             }],
         };
         return in_each_format(dir, "progress", formats, |path| rate_curves(path, &plot));
-    }
+    };
     let trials = first.answered.trials;
     let rounds = RateSeries {
         name: format!("best so far ({trials} trials, 95 % intervals)"),

@@ -39,6 +39,31 @@ pub(super) struct Lookalike {
     pub alignment: Alignment,
 }
 
+impl Lookalike {
+    fn new(seen: [usize; 4], other: [usize; 4], alignment: Alignment) -> Self {
+        let mut order = [0, 1, 2, 3];
+        order.sort_unstable_by_key(|&x| seen[x]);
+        Self {
+            seen: order.map(|x| seen[x]),
+            other: order.map(|x| other[x]),
+            alignment,
+        }
+    }
+
+    /// The others, which look like these.
+    fn reversed(&self) -> Self {
+        let Alignment {
+            rotation,
+            distance_squared,
+        } = self.alignment;
+        let alignment = Alignment {
+            rotation: rotation.transpose(),
+            distance_squared,
+        };
+        Self::new(self.other, self.seen, alignment)
+    }
+}
+
 /// All pairs of quadruples no farther apart than `reach`, but the identities.
 pub(super) fn lookalikes(dots: &[Vec3], reach: f64) -> Vec<Lookalike> {
     Search::new(dots, reach).run()
@@ -84,8 +109,9 @@ struct Link {
     distance_squared: f64,
 }
 
-/// Finds each quadruple from that pair of its visible dots that is nearest to a right angle. That
-/// pair is aligned with every other; a third dot must then match a third, and a fourth a fourth.
+/// Finds each two quadruples from that pair of dots of both that is nearest to a right angle. That pair is aligned with
+/// every other of a lower rank; a third dot must then match a third, and a fourth a fourth. What looks like another is
+/// looked like by it, so each two are found once and listed twice.
 struct Search<'a> {
     dots: &'a [Vec3],
     n: usize,
@@ -187,7 +213,7 @@ impl<'a> Search<'a> {
                     a != i && a != j && self.rank(i, a) < rank && self.rank(j, a) < rank
                 }));
                 for k in 0..self.n {
-                    for l in (0..self.n).filter(|&l| l != k) {
+                    for l in (0..self.n).filter(|&l| l != k && self.rank(k, l) <= rank) {
                         if self.gap([i, j], [k, l]).abs() < self.max_gap {
                             self.link([i, j], [k, l], &thirds, &mut links);
                             self.extend([i, j], [k, l], &links, &mut found);
@@ -208,6 +234,7 @@ impl<'a> Search<'a> {
         links: &mut Vec<Link>,
     ) {
         links.clear();
+        let rank = self.rank(i, j);
         let pair_gap = self.gap([i, j], [k, l]);
         let max_squared = self.max_gap * self.max_gap;
         let gram = |i: usize, j: usize, a: usize| {
@@ -220,7 +247,7 @@ impl<'a> Search<'a> {
             let seen = gram(i, j, a);
             for c in self
                 .at_angle(k, self.angles[i * self.n + a])
-                .filter(|&c| c != l)
+                .filter(|&c| c != l && self.rank(k, c) <= rank && self.rank(l, c) <= rank)
             {
                 let gaps = [self.gap([i, a], [k, c]), self.gap([j, a], [l, c])];
                 let [x, y] = gaps.map(|g| g * g);
@@ -262,7 +289,7 @@ impl<'a> Search<'a> {
             for before in &links[..x] {
                 let (a, c) = (link.seen, link.other);
                 let (b, e) = (before.seen, before.other);
-                if a == b || c == e || self.rank(a, b) > rank {
+                if a == b || c == e || self.rank(a, b) > rank || self.rank(c, e) > rank {
                     continue;
                 }
                 let apart = 0.5 * (link.distance_squared + before.distance_squared);
@@ -270,9 +297,18 @@ impl<'a> Search<'a> {
                     continue;
                 }
                 let (seen, other) = ([i, j, a, b], [k, l, c, e]);
-                if seen != other {
-                    found.extend(self.lookalike(seen, other));
+                if seen == other {
+                    continue;
                 }
+                let Some(lookalike) = self.lookalike(seen, other) else {
+                    continue;
+                };
+                // With the same best pair the two are found from either side.
+                let has_pair = other.contains(&i) && other.contains(&j);
+                if !has_pair {
+                    found.push(lookalike.reversed());
+                }
+                found.push(lookalike);
             }
         }
     }
@@ -307,12 +343,6 @@ impl<'a> Search<'a> {
             Some(*kabsch(&from, &to, None).ok()?.to_rotation_matrix().matrix())
         })?;
         let alignment = align(d, &seen, &other, &start)?;
-        let mut order = [0, 1, 2, 3];
-        order.sort_unstable_by_key(|&x| seen[x]);
-        Some(Lookalike {
-            seen: order.map(|x| seen[x]),
-            other: order.map(|x| other[x]),
-            alignment,
-        })
+        Some(Lookalike::new(seen, other, alignment))
     }
 }

@@ -197,6 +197,8 @@ impl Search<'_> {
     /// All rounds, or as many as the observer wants; `false` if stopped before their end.
     fn rounds(&mut self, state: &mut SearchState) -> Result<bool> {
         while state.round < self.config.rounds {
+            // A search of one round that goes on has none yet.
+            self.milestone(state)?;
             if !self.round(state)? {
                 return Ok(false);
             }
@@ -245,9 +247,7 @@ impl Search<'_> {
         state.round += 1;
         state.scouted.clear();
         state.climbed.clear();
-        if let Some(best) = state.pool.first().cloned() {
-            self.milestone(state, &best)?;
-        }
+        self.milestone(state)?;
         self.note(state, Stage::Try)?;
         Ok(true)
     }
@@ -311,9 +311,20 @@ impl Search<'_> {
         Ok(tried)
     }
 
-    /// Records the rate of the best after a round.
-    fn milestone(&mut self, state: &mut SearchState, best: &Candidate) -> Result<()> {
+    /// Records the rate of the best after the last round, where that is not the only one: one round has no course.
+    fn milestone(&mut self, state: &mut SearchState) -> Result<()> {
         let config = self.config;
+        let is_known = state
+            .milestones
+            .last()
+            .is_some_and(|m| m.rounds == state.round);
+        let Some(best) = state
+            .pool
+            .first()
+            .filter(|_| config.rounds > 1 && !is_known)
+        else {
+            return Ok(());
+        };
         let samples = MILESTONE_VIEWS * config.samples;
         let answered = rate(config, best, config.progress_seed(), samples)?;
         state.milestones.push(Milestone {

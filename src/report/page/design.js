@@ -623,11 +623,11 @@ function searchSection(d) {
       ),
     );
   node.append(charts);
-  if (s.milestones.length && s.finalists.some((f) => f.answered) && d.validation.length)
+  if (s.finalists.some((f) => f.answered) && d.validation.length)
     node.append(
       el("p", {
         class: "lead",
-        text: "The course of the search, its finalists and the rates above are measured on different trials, so their shares differ a little. Those above chose nothing: rely on them.",
+        text: "The search, its finalists and the rates above are measured on different trials, so their shares differ a little. Those above chose nothing: rely on them.",
       }),
     );
 }
