@@ -18,6 +18,7 @@ use crate::cli::output::{command_line, one_of, quoted};
 use crate::cli::pattern::MIN_DOT_PX;
 #[cfg(feature = "vision")]
 use crate::design::Objective;
+use crate::design::constraints::max_separation;
 use crate::design::objective::PARTS;
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{
@@ -130,7 +131,7 @@ pub struct Arguments {
     #[arg(hide = true, long, value_parser = one_of(&DescentMethod::ALL, DescentMethod::as_str), default_value_t = DescentMethod::Program, default_value_if("preset", ArgPredicate::IsPresent, "gradient"))]
     descent: DescentMethod,
     /// Minimum angle between two dots, degrees; by default the separation that the stencil's holes
-    /// need, at least 18.
+    /// need, at least 18. With preset=paper 0.72 of the largest that so many dots can have.
     #[arg(hide = true, long, value_name = "DEG", allow_negative_numbers = true)]
     min_separation_deg: Option<f64>,
     /// Minimum number of visible dots from any direction; by default 3 in 10 of them.
@@ -202,6 +203,11 @@ pub struct Arguments {
     pub(super) json: bool,
 }
 
+/// The minimum separation of the preset `paper`, as a part of the largest: the paper's recognizer takes two dots for its
+/// basis and fails where they are near each other. Right by it at 18, 30 and 34 degrees, 10 000 trials of seed 11: 94.4,
+/// 97.9 and 98.2 %.
+const PAPER_SEPARATION: f64 = 0.72;
+
 /// What is set together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Preset {
@@ -212,6 +218,15 @@ impl Arguments {
     /// Dots to add to those of the pattern.
     fn added(&self) -> usize {
         self.add.map_or(0, NonZero::get)
+    }
+
+    /// The minimum separation that is asked for, or that comes with the preset, degrees.
+    fn separation_deg(&self) -> Option<f64> {
+        let of_preset = |_| {
+            let largest = max_separation(self.dots.unwrap_or(DesignConfig::default().dots));
+            (10.0 * PAPER_SEPARATION * largest.to_degrees()).round() / 10.0
+        };
+        self.min_separation_deg.or(self.preset.map(of_preset))
     }
 
     /// What these arguments ask for, without the pattern.
@@ -239,7 +254,7 @@ impl Arguments {
             bound_weight: self.bound_weight,
             bound_goal: self.bound_goal,
             basis_weight: self.basis_weight,
-            min_separation_rad: self.min_separation_deg.map(f64::to_radians),
+            min_separation_rad: self.separation_deg().map(f64::to_radians),
             min_visible: self.min_visible,
             seam_margin_rad: self.seam_margin_deg.map(f64::to_radians),
             keep_out: self.keep_out.iter().map(|c| c.keep_out).collect(),
@@ -392,7 +407,7 @@ impl Arguments {
     fn settings(&self, config: &DesignConfig) -> Vec<(&'static str, String)> {
         let goal = config.bound_goal.unwrap_or(DesignRequest::NO_GOAL);
         let separation_deg = self
-            .min_separation_deg
+            .separation_deg()
             .unwrap_or_else(|| self.request().usual_separation_deg());
         let usual = match self.added() {
             0 => DesignRequest::usual_seam_margin_deg(config.dots),
