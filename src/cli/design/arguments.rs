@@ -131,7 +131,7 @@ pub struct Arguments {
     #[arg(hide = true, long, value_parser = one_of(&DescentMethod::ALL, DescentMethod::as_str), default_value_t = DescentMethod::Program, default_value_if("preset", ArgPredicate::IsPresent, "gradient"))]
     descent: DescentMethod,
     /// Minimum angle between two dots, degrees; by default the separation that the stencil's holes
-    /// need, at least 18. With preset=paper 0.72 of the largest that so many dots can have.
+    /// need, at least 18. With preset=paper and no PATTERN 0.72 of the largest that so many dots can have.
     #[arg(hide = true, long, value_name = "DEG", allow_negative_numbers = true)]
     min_separation_deg: Option<f64>,
     /// Minimum number of visible dots from any direction; by default 3 in 10 of them.
@@ -226,7 +226,8 @@ impl Arguments {
             let largest = max_separation(self.dots.unwrap_or(DesignConfig::default().dots));
             (10.0 * PAPER_SEPARATION * largest.to_degrees()).round() / 10.0
         };
-        self.min_separation_deg.or(self.preset.map(of_preset))
+        let preset = self.preset.filter(|_| self.pattern.is_none());
+        self.min_separation_deg.or(preset.map(of_preset))
     }
 
     /// What these arguments ask for, without the pattern.

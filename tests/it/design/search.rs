@@ -624,3 +624,22 @@ fn a_pattern_short_of_the_goal_stands_behind_all_others() {
         assert_eq!(reached, !c.short_of_goal);
     }
 }
+
+/// The paper has 98 % of 10 000 views at 3 degrees right, by its own recognizer.
+#[test]
+fn the_paper_s_way_has_the_paper_s_rate() {
+    let dir = tempfile::tempdir().unwrap();
+    let design =
+        "design --config preset=paper --config starts=4 --seed 14 --samples 2000 --json -o d";
+    let design: Vec<_> = design.split(' ').collect();
+    let report = crate::common::done(dir.path(), &design);
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["config"]["descent"], "gradient");
+    assert_eq!(report["config"]["objective"]["name"], "mean-nn");
+    let all = report["validation"].as_array().unwrap();
+    let of_paper = all
+        .iter()
+        .find(|v| v["recognizer"] == "paper" && v["protocol"] == "paper");
+    let answered = &of_paper.unwrap()["answered"];
+    assert!(answered["high"].as_f64().unwrap() >= 0.98, "{answered}");
+}
