@@ -292,11 +292,6 @@ impl Stencil {
         self.layout.seam
     }
 
-    /// Minimum distance between a dot's hole and hinge or tab, mm.
-    pub fn hinge_clearance_mm(&self) -> f64 {
-        self.layout.clearance_mm
-    }
-
     /// For each dot, the half that holds its hole.
     pub fn sides(&self) -> &[HoleSide] {
         &self.sides
