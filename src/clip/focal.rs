@@ -29,9 +29,12 @@ use crate::vision::optics::oval::{Oval, stretch_px};
 const FARTHEST: f64 = 5.0;
 const STEP: f64 = 0.1;
 /// Those up to so many times as long or as short are not far off.
-const NEAR: f64 = 1.6;
-/// ln of the odds by which none of these may fit.
+const NEAR: f64 = 1.25;
+/// ln of the odds by which none of these may fit. By the right intrinsics nothing whatever fits 29 rendered clips better than them by more
+/// than 6.1 (`bench focal`, docs/measurements/intrinsics.md).
 const CLEAR: f64 = 8.0;
+/// That of the range that is given: 95 % of a normal distribution.
+const WITHIN: f64 = 1.92;
 /// Frames that have a say, spread over those that show an outline, and how many are as good as independent: light and motion of frames
 /// near in time are alike.
 const MAX_FRAMES: usize = 32;
@@ -42,6 +45,8 @@ const MIN_FRAMES: usize = 3;
 /// alike, and of each.
 const SHARED: (f64, f64) = (0.1, 0.002);
 const SINGLE: (f64, f64) = (0.05, 0.001);
+/// Part of what a rolling shutter does that changes from frame to frame: most motions are even.
+const UNEVEN: f64 = 0.1;
 /// Degrees of freedom of a frame's error.
 const DEGREES: f64 = 4.0;
 /// Steps of the reweighted fit.
@@ -52,7 +57,7 @@ const STEPS: usize = 4;
 pub struct FocalDoubt {
     /// The focal lengths that fit the outlines best, over those given.
     pub ratio: f64,
-    /// The least and the greatest that fit about as well.
+    /// The least and the greatest within 95 %.
     pub range: [f64; 2],
     /// Number of outlines.
     pub frames: usize,
@@ -123,13 +128,16 @@ pub fn focal_doubt(k: &Intrinsics, seen: &[SeenOval]) -> Option<FocalDoubt> {
         .filter_map(|ratio| Some((ratio, unlikeliness(k, ratio, &seen)?)))
         .collect();
     let best = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let fits = |(_, worse): &&(f64, f64)| *worse <= best.1 + CLEAR;
+    let near = tried.iter();
+    let near = near.filter(|(ratio, _)| (1.0 / NEAR..=NEAR).contains(ratio));
+    let least = near.map(|(_, worse)| *worse).min_by(f64::total_cmp)?;
+    let is_far = least > best.1 + CLEAR;
+    let fits = |(_, worse): &&(f64, f64)| *worse <= best.1 + WITHIN;
     let range = |of: fn(f64, f64) -> f64, start: f64| {
         let all = tried.iter().filter(fits).map(|(ratio, _)| *ratio);
         all.fold(start, of)
     };
     let range = [range(f64::min, f64::MAX), range(f64::max, 0.0)];
-    let is_far = range[0] > NEAR || range[1] < 1.0 / NEAR;
     is_far.then_some(FocalDoubt {
         ratio: best.0,
         range,
@@ -143,7 +151,7 @@ fn unlikeliness(k: &Intrinsics, ratio: f64, seen: &[SeenOval]) -> Option<f64> {
     let mut errors = Vec::with_capacity(seen.len());
     for one in seen {
         let radius = one.circle.radius;
-        let single = floor(SINGLE, radius).hypot(0.5 * one.rolling * radius);
+        let single = floor(SINGLE, radius).hypot(UNEVEN * one.rolling * radius);
         let covariance = one.oval.covariance + Matrix2::from_diagonal_element(single * single);
         let left = one.oval.stretch_px - one.more(k, ratio)?;
         errors.push((left, covariance.try_inverse()?, radius));

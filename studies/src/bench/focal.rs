@@ -85,11 +85,7 @@ impl Args {
             "{} clips of {} frames of {} x {}, seed {}, balls of {} to {} px",
             self.clips, self.frames, SIZE[0], SIZE[1], self.seed, BALL_PX[0], BALL_PX[1]
         );
-        let given = if self.right || self.outlines {
-            1
-        } else {
-            GIVEN.len()
-        };
+        let given = if self.right { 1 } else { GIVEN.len() };
         let judged: Vec<(f64, Vec<(usize, Option<FocalDoubt>)>)> = (0..self.clips)
             .into_par_iter()
             .map(|k| self.judged(&pattern, self.seed + k, given))
@@ -179,7 +175,7 @@ impl Args {
             }
             if self.outlines {
                 println!(
-                    "seed {seed} {}: radius {:.0}, {:.0} deg, {posed} poses, {} outlines",
+                    "seed {seed} {name} {}: radius {:.0}, {:.0} deg, {posed} poses, {} outlines",
                     clip.words,
                     clip.circles[0].radius,
                     clip.off_deg,
