@@ -21,8 +21,9 @@ impl DesignObserver for Printer {
 }
 
 impl JobObserver for Printer {
-    fn step(&mut self, what: &str) {
+    fn step(&mut self, what: &str) -> Result<()> {
         println!("{what}");
+        Ok(())
     }
 }
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import operator
 import os
+import sys
 import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -37,6 +39,20 @@ def _size(name: str, given: tuple[int, int]) -> tuple[int, int]:
     if width < 1 or height < 1:
         raise ValueError(f"{name}: expected columns and rows of an image, found {given!r}")
     return width, height
+
+
+@functools.lru_cache(maxsize=64)
+def _size_doubt(kind: str, numbers: tuple[float, ...], width: int, height: int) -> str | None:
+    """What speaks against intrinsics being those of images of this size."""
+    return _native.size_doubt((kind, numbers), (width, height))
+
+
+def _outside() -> int:
+    """How many calls up the stack the package ends: there its warnings belong."""
+    frame, depth = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_globals.get("__package__") == __package__:
+        frame, depth = frame.f_back, depth + 1
+    return depth
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -149,11 +165,16 @@ class Camera:
         return Camera._of(self.kind, across * fx, down * fy, cx, cy, across * skew, *lens, size=wanted)
 
     def _check(self, name: str, image: Any) -> None:
-        """Refuses an image of another size than that of the intrinsics."""
+        """Refuses an image of another size than that of the intrinsics; without that, warns where their numbers look like those of
+        another."""
         shape = getattr(image, "shape", None)
-        if self.size is None or not shape or len(shape) < 2:
+        if not self.has_intrinsics or not shape or len(shape) < 2:
             return
         height, width = shape[:2]
+        if self.size is None:
+            if words := _size_doubt(self.kind, self.numbers, width, height):
+                warnings.warn(f"camera: {words}", stacklevel=_outside())
+            return
         if (width, height) != self.size:
             raise ValueError(
                 f"{name}: expected {self.size[0]} x {self.size[1]} pixels, which the camera's intrinsics are of, found "

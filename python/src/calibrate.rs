@@ -17,7 +17,7 @@ use spindoe::vision::{FrameEstimate, OutlinePrior};
 use spindoe::{Estimator, Pattern, Vec3};
 
 use crate::arrays::{blocks3, rows, square, vector};
-use crate::errors::{Answer, OrRaise, value_error};
+use crate::errors::{Answer, OrRaise, value_error, warn};
 use crate::frames::{FrameTuple, frame_tuple};
 use crate::pattern::{HashTable, to_json};
 use crate::work::abandonable;
@@ -96,6 +96,9 @@ pub fn read_clip(
     }
     if let (TimeSource::SameNumber, Some(problem)) = (batch.times, batch.times.problem()) {
         return Err(value_error("images", format!("{problem}: fps sets some")));
+    }
+    if let Some(doubt) = &batch.focal_doubt {
+        warn(py, &format!("camera: {doubt}"))?;
     }
     let frames = batch.frames.iter_mut();
     let frames = frames.map(BatchFrame::take_estimate).collect();

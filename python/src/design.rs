@@ -15,7 +15,7 @@ use spindoe::report::{JobObserver, ShardedJob, Start};
 
 use crate::errors::OrRaise;
 use crate::pattern::{HashTable, Pattern, overlay, to_json};
-use crate::work::interruptible;
+use crate::work::abandonable;
 
 /// A design, checked.
 #[pyclass(frozen, module = "spindoe._native")]
@@ -33,17 +33,18 @@ pub fn design_request(flags: Vec<OsString>) -> PyResult<(Option<Pattern>, String
     Ok((request.pattern.map(Pattern), settings))
 }
 
-/// Runs work under an observer that calls Python, and maps what it ended with.
-fn observed<T: Send>(
+/// Runs work under an observer that calls Python, and maps what it ended with. Ctrl-C raises at once; the work ends by itself with its
+/// present step, and leaves its checkpoint.
+fn observed<T: Send + 'static>(
     py: Python<'_>,
     callback: Option<Py<PyAny>>,
     budget_s: Option<f64>,
     command: Option<String>,
-    work: impl FnOnce(&AtomicBool, &mut Observer<'_>) -> spindoe::Result<T> + Send,
+    work: impl FnOnce(&'static AtomicBool, &mut Observer) -> spindoe::Result<T> + Send + 'static,
 ) -> PyResult<T> {
     let budget = budget_s.map(Duration::try_from_secs_f64).transpose();
     let budget = budget.map_err(|e| PyValueError::new_err(format!("budget_s: {e}")))?;
-    let (outcome, raised) = interruptible(py, |stop| {
+    let (outcome, raised) = abandonable(py, move |stop| {
         let stop = stop.flag();
         let mut observer = Observer {
             callback,
@@ -74,23 +75,23 @@ pub fn merge(
     callback: Option<Py<PyAny>>,
 ) -> PyResult<(HashTable, String)> {
     let ShardedJob { job, command } = spindoe::DesignJob::of_shards(&shards, out).or_raise()?;
-    let found = observed(py, callback, None, command, |stop, observer| {
+    let found = observed(py, callback, None, command, move |stop, observer| {
         job.merge(&shards, start(resume), stop, observer)
     })?;
     Ok((HashTable::new(found.ball), to_json(&found.report)?))
 }
 
 /// Passes the search's progress on to Python, and ends the search when Python says so.
-struct Observer<'a> {
+struct Observer {
     callback: Option<Py<PyAny>>,
-    stop: &'a AtomicBool,
+    stop: &'static AtomicBool,
     raised: Option<PyErr>,
     begun: Instant,
     budget: Option<Duration>,
     command: Option<String>,
 }
 
-impl Observer<'_> {
+impl Observer {
     fn tell(&mut self, event: &serde_json::Value) -> spindoe::Result<()> {
         // Ctrl-C ends it here: what was found so far is on disk.
         if self.stop.load(Ordering::Relaxed) {
@@ -112,7 +113,7 @@ impl Observer<'_> {
     }
 }
 
-impl DesignObserver for Observer<'_> {
+impl DesignObserver for Observer {
     fn progress(&mut self, state: &SearchState, stage: Stage) -> spindoe::Result<()> {
         self.tell(&json!({
             "stage": stage,
@@ -129,10 +130,9 @@ impl DesignObserver for Observer<'_> {
     }
 }
 
-impl JobObserver for Observer<'_> {
-    fn step(&mut self, what: &str) {
-        // An error of the callback here ends nothing: the next progress tells it.
-        let _ = self.tell(&json!({ "stage": "finish", "step": what }));
+impl JobObserver for Observer {
+    fn step(&mut self, what: &str) -> spindoe::Result<()> {
+        self.tell(&json!({ "stage": "finish", "step": what }))
     }
 
     fn command(&self, _: &DesignConfig) -> Option<String> {
@@ -171,8 +171,9 @@ impl DesignJob {
         resume: bool,
         budget_s: Option<f64>,
     ) -> PyResult<(HashTable, String)> {
-        let found = observed(py, callback, budget_s, None, |stop, observer| {
-            self.0.run(start(resume), stop, observer)
+        let job = self.0.clone();
+        let found = observed(py, callback, budget_s, None, move |stop, observer| {
+            job.run(start(resume), stop, observer)
         })?;
         Ok((HashTable::new(found.ball), to_json(&found.report)?))
     }
@@ -187,8 +188,9 @@ impl DesignJob {
         resume: bool,
     ) -> PyResult<()> {
         let shard = Shard::new(index, count).or_raise()?;
-        observed(py, callback, None, None, |stop, observer| {
-            self.0.run_shard(shard, start(resume), stop, observer)
+        let job = self.0.clone();
+        observed(py, callback, None, None, move |stop, observer| {
+            job.run_shard(shard, start(resume), stop, observer)
         })?;
         Ok(())
     }

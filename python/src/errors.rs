@@ -1,11 +1,12 @@
 //! The library's errors as Python's: what other input or arguments fix is a `ValueError`, what the
 //! system refuses an `OSError`, both with the command's one line.
 
+use std::ffi::CString;
 use std::io::ErrorKind;
 
 use pyo3::exceptions::{
     PyFileExistsError, PyFileNotFoundError, PyIsADirectoryError, PyNotADirectoryError, PyOSError,
-    PyPermissionError, PyRuntimeError, PyValueError,
+    PyPermissionError, PyRuntimeError, PyUserWarning, PyValueError,
 };
 use pyo3::prelude::*;
 use spindoe::Error;
@@ -35,6 +36,12 @@ fn of_system(kind: ErrorKind, line: String) -> PyErr {
 /// A value outside its domain.
 pub fn value_error(name: &str, problem: impl std::fmt::Display) -> PyErr {
     PyValueError::new_err(format!("{name}: {problem}"))
+}
+
+/// Warns, in the line that called the package.
+pub fn warn(py: Python<'_>, words: &str) -> PyResult<()> {
+    let words = CString::new(words).map_err(|_| value_error("warning", "has a zero in it"))?;
+    PyErr::warn(py, &py.get_type::<PyUserWarning>(), &words, 2)
 }
 
 /// A rejection that says no more than "no spin", or the error of bad input.

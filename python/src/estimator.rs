@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::CalibrationConfig;
 use spindoe::clip::{
-    ImageWork, NamedFrame, SequenceConfig, SequenceSmears, SequenceSummary, TrackerConfig,
-    estimate_passes, orientations,
+    FocalDoubt, ImageWork, NamedFrame, SequenceConfig, SequenceSmears, SequenceSummary,
+    TrackerConfig, estimate_passes, orientations,
 };
 use spindoe::geometry::{CameraFrame, tangent_frame};
 use spindoe::image::{ImageView, RawPixel};
@@ -33,7 +33,7 @@ use spindoe::{DotUncertainty, StopFlag, Vec3};
 
 use crate::arrays::{Numbers, block2, blocks3, quaternion, require_shape, vectors};
 use crate::calibrate::{self, Clip};
-use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
+use crate::errors::{Answer, OrRaise, spin_rejection, value_error, warn};
 use crate::frames::{FrameTuple, frame_tuple};
 use crate::image::{Buffers, Copied, Pixels, Samples, raw_pixel};
 use crate::pattern::{HashTable, overlay, to_json};
@@ -101,6 +101,15 @@ pub fn read_intrinsics(path: std::path::PathBuf) -> PyResult<ReadIntrinsics> {
     let (kind, numbers) = packed(&read.intrinsics);
     let size = read.size.map(|[w, h]| (w as usize, h as usize));
     Ok((kind, numbers, size, read.notes))
+}
+
+/// What speaks against intrinsics being those of images of so many columns and rows, if anything does.
+#[pyfunction]
+pub fn size_doubt(camera: (String, Vec<f64>), size: [usize; 2]) -> PyResult<Option<String>> {
+    Ok(match camera_model(&camera.0, &camera.1)? {
+        CameraModel::Known(Camera::Perspective(k)) => k.size_doubt(size),
+        _ => None,
+    })
 }
 
 /// Those of a matrix, by rows, and OpenCV's distortion.
@@ -229,6 +238,31 @@ impl Estimator {
     /// Whether an image of so many pixels is estimated too fast for a person who interrupts.
     fn is_fast(samples: &Samples<'_>) -> bool {
         samples.pixels() <= FAST_PIXELS
+    }
+
+    /// Warns where the ball's outlines contradict the intrinsics.
+    fn warn_of_camera(
+        &self,
+        py: Python<'_>,
+        images: &[Bound<'_, PyAny>],
+        pixel: RawPixel,
+        is_sequence: bool,
+        frames: &[FrameEstimate],
+    ) -> PyResult<()> {
+        let CameraModel::Known(Camera::Perspective(k)) = self.inner.config().camera else {
+            return Ok(());
+        };
+        let mut seen = Vec::with_capacity(frames.len());
+        for (image, frame) in images.iter().zip(frames) {
+            let rows = Pixels::new("images", image)?
+                .samples("images", pixel)?
+                .rows();
+            seen.push((rows, frame.pose().map(|_| frame).into_iter().collect()));
+        }
+        match FocalDoubt::of_frames(&k, is_sequence, seen) {
+            Some(doubt) => warn(py, &format!("camera: {doubt}")),
+            None => Ok(()),
+        }
     }
 
     /// Estimates frames of one sequence in both passes; without times, in the first alone.
@@ -443,6 +477,7 @@ impl Estimator {
         let informing = times.as_deref().filter(|_| !independent);
         let sequence = (informing, &config);
         let (frames, summary) = self.passes(py, &images, pixel, outline, sequence, progress)?;
+        self.warn_of_camera(py, &images, pixel, times.is_some(), &frames)?;
         let named = frames.iter().enumerate().map(|(k, estimate)| NamedFrame {
             name: "",
             time_s: times.as_ref().map(|times| times[k]),
@@ -518,6 +553,7 @@ impl Estimator {
             let times_s = times_s.filter(|times| times.len() > 1);
             let sequence = (times_s.as_deref(), &SequenceConfig::default());
             let (frames, _) = nominal.passes(py, &images, pixel, outline, sequence, progress)?;
+            nominal.warn_of_camera(py, &images, pixel, times_s.is_some(), &frames)?;
             Clip { frames, times_s }
         } else {
             calibrate::read_clip(py, Arc::clone(&nominal.inner), paths, outline, (fps, size))?

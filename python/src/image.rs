@@ -142,6 +142,14 @@ impl Samples<'_> {
         shape[..2].iter().product()
     }
 
+    /// How many rows there are.
+    pub fn rows(&self) -> usize {
+        match &self.values {
+            Values::Eight(view) => view.shape()[0],
+            Values::Sixteen(view) => view.shape()[0],
+        }
+    }
+
     /// Copies the pixels.
     pub fn copy_to(&self, copied: &mut Copied) {
         copied.pixel = Some(self.pixel);

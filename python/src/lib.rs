@@ -35,7 +35,7 @@ mod _native {
     use super::design::{DesignJob, design_request, merge};
     #[pymodule_export]
     use super::estimator::{
-        BallView, Estimator, Tracker, intrinsics_of, project_points, read_intrinsics,
+        BallView, Estimator, Tracker, intrinsics_of, project_points, read_intrinsics, size_doubt,
     };
     #[pymodule_export]
     use super::image::read_image;

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -86,6 +87,9 @@ with multiprocessing.get_context("fork").Pool(2) as pool:
          "recognizer.identify_batch(dots, np.arange(0, 2000 * 200 + 1, 200))"),
         ("", "spindoe.validate(pattern, 'clutter', recognizer='paper', samples=500_000)"),
         ("", "[spindoe.Stencil(pattern) for _ in range(20)]"),
+        ("import tempfile\nfolder = tempfile.mkdtemp()", "spindoe.Design(folder + '/d', dots=64, starts=50).run()"),
+        ("import tempfile\nfolder = tempfile.mkdtemp()",
+         "spindoe.Design(folder + '/d', dots=8, starts=1, rounds=1, samples=2_000_000).run()"),
         ("frames = list(spindoe.synth(pattern, 40, seed=4, fps=60.0, spin_rad_s=(3.0, 5.0, 2.0), ball_px=[80, 80]))\n"
          "images, times = [image for image, _ in frames], [truth.time_s for _, truth in frames]\n"
          "estimator = spindoe.Estimator(pattern)",
@@ -167,6 +171,22 @@ def test_frames_of_another_size_than_the_intrinsics_are_refused(table):
     ):
         with pytest.raises(ValueError, match="640 x 480 pixels, which the camera's intrinsics are of, found 320 x 240"):
             work()
+
+
+def test_intrinsics_that_look_like_those_of_other_images_warn(table):
+    estimator = spindoe.Estimator(table, camera=spindoe.Camera.pinhole(650.0, 640.0, 319.5, 239.5))
+    small = np.zeros((240, 320), np.uint8)
+    for work in (
+        lambda: estimator.estimate(small),
+        lambda: estimator.estimate_sequence([small, small]),
+        lambda: spindoe.Balls(estimator).estimate(small),
+    ):
+        with pytest.warns(UserWarning, match="middle of images of 640 x 480, these have 320 x 240") as heard:
+            work()
+        assert heard[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        estimator.estimate(np.zeros((480, 640), np.uint8))
 
 
 def test_what_is_no_input_is_refused_in_a_line(estimator, recognizer, table):

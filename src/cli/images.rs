@@ -108,7 +108,7 @@ impl ImageArguments {
         };
         if let Some(numbers) = numbers(text) {
             if let Some(words) =
-                size().and_then(|size| off_middle(&Intrinsics::from_numbers(&numbers).ok()?, size))
+                size().and_then(|size| Intrinsics::from_numbers(&numbers).ok()?.size_doubt(size))
             {
                 errln!("note: --intrinsics: {words}");
             }
@@ -131,7 +131,7 @@ impl ImageArguments {
                 let _ = self.expected.set(calibration);
             }
             (size, None) => {
-                if let Some(words) = size.and_then(|size| off_middle(&intrinsics, size)) {
+                if let Some(words) = size.and_then(|size| intrinsics.size_doubt(size)) {
                     errln!("note: {text}: {words}");
                 }
             }
@@ -238,24 +238,6 @@ impl ImageArguments {
             (None, None) => FrameClock::Inputs,
         })
     }
-}
-
-/// How near to an edge of the images a principal point is doubted, as a part of their sides: that of images twice as large lies on the edge.
-const NEAR_EDGE: f64 = 0.02;
-
-/// What is to be known of intrinsics, without the size of their images, whose principal point lies beyond the images or on their edge.
-fn off_middle(k: &Intrinsics, [width, height]: [usize; 2]) -> Option<String> {
-    let is_inside = |at: f64, side: usize| {
-        let part = (at + 0.5) / side as f64;
-        (NEAR_EDGE..=1.0 - NEAR_EDGE).contains(&part)
-    };
-    if is_inside(k.cx, width) && is_inside(k.cy, height) {
-        return None;
-    }
-    Some(format!(
-        "the principal point ({:.1}, {:.1}) lies off the images of {width} x {height}: right for a part cut out of larger ones, wrong for these whole",
-        k.cx, k.cy
-    ))
 }
 
 /// Numbers between commas.

@@ -19,7 +19,15 @@ pub(super) fn say<K>(batch: &Batch<K>, config: &BatchConfig) -> Result<()> {
     say_names(batch, config)?;
     say_skipped(&batch.skipped);
     say_cut_short(&batch.cut_short);
+    say_camera(batch);
     Ok(())
+}
+
+/// Says where the ball's outlines contradict the camera.
+pub(super) fn say_camera<K>(batch: &Batch<K>) {
+    if let Some(doubt) = &batch.focal_doubt {
+        errln!("note: --intrinsics: {doubt}");
+    }
 }
 
 /// What is to be said of the frames' names: their order, and rows of outlines that name none.

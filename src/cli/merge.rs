@@ -55,8 +55,9 @@ impl DesignObserver for MergeProgress {
 }
 
 impl JobObserver for MergeProgress {
-    fn step(&mut self, what: &str) {
+    fn step(&mut self, what: &str) -> Result<()> {
         self.line.say(0, what);
+        Ok(())
     }
 
     fn command(&self, _: &DesignConfig) -> Option<String> {

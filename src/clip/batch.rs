@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::ball_tracks::NumberedBalls;
 use super::balls::BallEstimate;
+use super::focal::FocalDoubt;
 use super::judgment::Judgment;
 use super::sequence::SequenceSummary;
 use super::times::TimeSource;
@@ -128,6 +129,8 @@ pub struct Batch<K> {
     pub sequence: SequenceOutcome,
     /// What all frames together say; open where it was not asked for.
     pub judgment: Judgment,
+    /// Where the ball's outlines contradict the camera's intrinsics by far.
+    pub focal_doubt: Option<FocalDoubt>,
     /// Where the times came from.
     pub times: TimeSource,
     /// Files of the folders that are no images.

@@ -7,6 +7,7 @@
 //! together  frames in doubt again between their neighbors; missing balls where others lead;
 //!           outlines off the path; rolling rows; the spin; numbers of several balls           (second)
 //! judgment  do the tables fit, are the images mirrored                                        (Judgment)
+//! camera    do the ball's outlines contradict its intrinsics                                  (FocalDoubt)
 //! ```
 //!
 //! Guarantees: frames come in the order of the inputs; each is first estimated independently, so that the
@@ -20,6 +21,7 @@ use std::sync::{Mutex, PoisonError};
 use super::balls::BallEstimate;
 use super::batch::{Batch, BatchFrame, BatchObserver, SequenceOutcome};
 use super::config::BatchConfig;
+use super::focal::FocalDoubt;
 use super::judgment::Judgment;
 use super::read::{Reading, sources_with};
 use super::times::set_times;
@@ -68,6 +70,7 @@ pub fn run<'a, O: BatchObserver>(
         }
         batch.judgment = judgment;
     }
+    batch.focal_doubt = FocalDoubt::of_clip(&pass.work, &batch);
     Ok(batch)
 }
 
@@ -147,6 +150,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
             frames,
             sequence: SequenceOutcome::Apart,
             judgment: Judgment::default(),
+            focal_doubt: None,
             skipped: listed.skipped.clone(),
             cut_short,
             sources: listed.sources.iter().cloned().zip(counts).collect(),

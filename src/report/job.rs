@@ -81,13 +81,21 @@ pub trait JobObserver: DesignObserver {
     fn begins(&mut self, _state: &SearchState) {}
 
     /// The job's current work, in words.
-    fn step(&mut self, _what: &str) {}
+    ///
+    /// # Errors
+    /// Those of the observer; they end the job.
+    fn step(&mut self, _what: &str) -> Result<()> {
+        Ok(())
+    }
 
     /// A camera begins to rank the finalists, on so many frames; what it returns learns how many more are
     /// read or spared.
-    fn ranks(&mut self, _frames: u64) -> Arc<dyn Fn(u64) + Send + Sync> {
-        self.step("ranking the finalists for the camera");
-        Arc::new(|_| ())
+    ///
+    /// # Errors
+    /// Those of the observer; they end the job.
+    fn ranks(&mut self, _frames: u64) -> Result<Arc<dyn Fn(u64) + Send + Sync>> {
+        self.step("ranking the finalists for the camera")?;
+        Ok(Arc::new(|_| ()))
     }
 
     /// The command that reproduces the completed search, for the report; `None` where there is
@@ -263,7 +271,7 @@ impl DesignJob {
         let camera = keeper.camera;
         let search_s = clock.elapsed().as_secs_f64();
         if outcome.stopped {
-            observer.step("stopped: evaluating the best so far");
+            observer.step("stopped: evaluating the best so far")?;
         }
         let searched = DesignConfig {
             rounds: state.round.max(1),
@@ -271,7 +279,7 @@ impl DesignJob {
         };
         let command = observer.command(&searched);
         let found = evaluate(&outcome, &searched, &self.evaluation, &mut |what| {
-            observer.step(what);
+            observer.step(what)
         })?;
         let mut found = found.with_design(self.record(camera.as_ref()))?;
         let ball_mm = self.stencil.ball_diameter_mm;
@@ -306,7 +314,7 @@ impl DesignJob {
         {
             return Ok(());
         }
-        observer.step("making the stencil");
+        observer.step("making the stencil")?;
         found.write_stencil(dir, &self.stencil)
     }
 
@@ -482,7 +490,7 @@ impl DesignObserver for Keeper<'_> {
             let frames = crate::camera::RaceConfig::of_frames(request.frames).frames();
             let done = self
                 .observer
-                .ranks(frames.saturating_mul(finalists.len() as u64));
+                .ranks(frames.saturating_mul(finalists.len() as u64))?;
             self.camera = crate::camera::rank_finalists(request, finalists, self.stop, &*done)?;
         }
         self.observer.rank(finalists)

@@ -222,7 +222,7 @@ pub fn evaluate(
     outcome: &DesignOutcome,
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
-    says: &mut dyn FnMut(&str),
+    says: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<DesignEvaluation> {
     let best = &outcome.best;
     let zones = config.constraints.keep_out.clone();
@@ -246,7 +246,7 @@ pub fn evaluate(
     if !drawn.is_empty() {
         let before_them = Ball::new(Pattern::new(drawn.to_vec())?);
         let default = &[RecognizerName::Robust];
-        before = validate_all(&before_them, config, evaluation, default, &mut |_| {})?;
+        before = validate_all(&before_them, config, evaluation, default, &mut |_| Ok(()))?;
     }
     for v in validation.iter_mut().chain(&mut before) {
         v.validation = v.validation.clone().untimed();
@@ -318,13 +318,13 @@ fn validate_all(
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
     recognizers: &[RecognizerName],
-    says: &mut dyn FnMut(&str),
+    says: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Vec<NamedValidation>> {
     let (seed, samples) = (config.report_seed(), evaluation.samples);
     let mut found = Vec::new();
     for &recognizer in recognizers {
         for name in ProtocolName::ALL {
-            says(&format!("validating: {name}, recognizer {recognizer}"));
+            says(&format!("validating: {name}, recognizer {recognizer}"))?;
             let own = config.protocols.iter().find(|own| own.name() == name);
             let protocol = own.copied().unwrap_or(Protocol::standard(name));
             let config = ValidationConfig {
@@ -344,7 +344,7 @@ fn sweep(
     ball: &Ball,
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
-    says: &mut dyn FnMut(&str),
+    says: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Vec<SensitivityPoint>> {
     let sweep = SensitivityConfig {
         seed: config.report_seed(),
@@ -359,7 +359,7 @@ fn sweep(
             p.result.recognizer,
             p.parameter.as_str(),
             p.value
-        ));
+        ))
     })?;
     for p in &mut points {
         p.result.validation = p.result.validation.clone().untimed();

@@ -168,7 +168,12 @@ impl VideoSource {
         let status = status.map_err(|e| Error::read(&self.path, e))?;
         let mut log = log.join().unwrap_or_default();
         if self.times_s.is_empty() {
-            let problem = format!("ffmpeg finds no video in it: {}", log.last);
+            // One that the system ends says nothing itself.
+            let why = match log.last.is_empty() {
+                true => format!("it ended with {status}"),
+                false => log.last,
+            };
+            let problem = format!("ffmpeg finds no video in it: {why}");
             return Err(Error::input(&self.path, "video", problem));
         }
         log.compare_with_duration();

@@ -79,7 +79,7 @@ pub fn sensitivity(
     ball: &Ball,
     protocol: &Protocol,
     config: &SensitivityConfig,
-    each: &mut dyn FnMut(&SensitivityPoint),
+    each: &mut dyn FnMut(&SensitivityPoint) -> Result<()>,
 ) -> Result<Vec<SensitivityPoint>> {
     check_samples(config.samples)?;
     for &sigma in &config.sigmas_deg {
@@ -99,20 +99,21 @@ pub fn sensitivity(
         samples: config.samples,
     };
     let mut points = Vec::new();
-    let mut keep = |parameter, value, result| {
+    let mut keep = |parameter, value, result| -> Result<()> {
         let point = SensitivityPoint {
             parameter,
             value,
             result,
         };
-        each(&point);
+        each(&point)?;
         points.push(point);
+        Ok(())
     };
     for recognizer in RecognizerName::ALL {
         for &sigma in &config.sigmas_deg {
             let found =
                 at(recognizer, protocol.with_sigma_rad(sigma.to_radians())).run(ball, &|_| {})?;
-            keep(SweptParameter::SigmaDeg, sigma, found);
+            keep(SweptParameter::SigmaDeg, sigma, found)?;
         }
     }
     let trials = at(RecognizerName::Paper, *protocol).trials(ball.pattern());
@@ -127,7 +128,7 @@ pub fn sensitivity(
             recognizer: RecognizerName::Paper,
             validation: Validation::of(&results, protocol.name(), &trials),
         };
-        keep(SweptParameter::Alpha, alpha, found);
+        keep(SweptParameter::Alpha, alpha, found)?;
     }
     Ok(points)
 }

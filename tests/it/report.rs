@@ -96,6 +96,7 @@ fn estimate(path: &Path) {
     let batch = Batch {
         frames: frames.collect(),
         sequence: SequenceOutcome::NoTimes,
+        focal_doubt: None,
         judgment: Judgment::default(),
         times: TimeSource::None,
         skipped: Vec::new(),

@@ -62,7 +62,9 @@ pub(super) fn read(
                     errln!("the ball is none of these designs");
                 }
                 let ball = Ball::new(clip.built.pattern.clone());
-                let frames = IdentifiedFrames::of(estimated(arguments, &settings, &ball, config)?);
+                let batch = estimated(arguments, &settings, &ball, config)?;
+                inputs::say_camera(&batch);
+                let frames = IdentifiedFrames::of(batch);
                 return Ok(CalibratedClip {
                     calibration: clip.calibrated(arguments, &frames, config)?,
                     ball,

@@ -216,7 +216,7 @@ impl JobObserver for DesignProgress<'_> {
         }
     }
 
-    fn step(&mut self, what: &str) {
+    fn step(&mut self, what: &str) -> Result<()> {
         let (begun, steps) = self.evaluated;
         if begun == 0 {
             self.searched = self.shown;
@@ -227,13 +227,14 @@ impl JobObserver for DesignProgress<'_> {
         let done = self.position(self.searched + (1.0 - self.searched) * share);
         self.evaluated.0 += 1;
         self.line.say(done, what);
+        Ok(())
     }
 
-    fn ranks(&mut self, frames: u64) -> Arc<dyn Fn(u64) + Send + Sync> {
+    fn ranks(&mut self, frames: u64) -> Result<Arc<dyn Fn(u64) + Send + Sync>> {
         let what = "the camera ranks the finalists";
         let Some(forecast) = self.forecast else {
-            self.step(what);
-            return Arc::new(|_| ());
+            self.step(what)?;
+            return Ok(Arc::new(|_| ()));
         };
         let (began, _) = *self.began.get_or_insert((Instant::now(), 0.0));
         // The evaluation is the rest.
@@ -244,7 +245,7 @@ impl JobObserver for DesignProgress<'_> {
         let from = self.shown.max(gone / all);
         self.shown = from.max((gone + ranking) / all);
         let ends = [from, self.shown];
-        Arc::new(self.line.count(frames, ends, what))
+        Ok(Arc::new(self.line.count(frames, ends, what)))
     }
 
     fn command(&self, searched: &DesignConfig) -> Option<String> {

@@ -92,6 +92,7 @@ pub(super) fn clip_json<K>(
         "times_words": inputs::times_words(&batch.times, batch.frames.len()),
         "verdict": VerdictWords::new(&batch.judgment, &arguments.table).to_json(),
         "skipped": skipped.collect::<Vec<_>>(),
+        "focal_doubt": batch.focal_doubt,
     })
 }
 

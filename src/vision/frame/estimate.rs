@@ -12,6 +12,7 @@ use crate::vision::dots::detector::DotDetection;
 use crate::vision::dots::smear::DotBlur;
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::optics::grid::Grid;
+use crate::vision::optics::oval::Oval;
 use crate::vision::outline::circle::{BallFit, NoBall};
 use crate::vision::pose::trust::PoseEvidence;
 
@@ -122,6 +123,9 @@ pub struct FrameEstimate {
     pub circle: Option<BallCircle>,
     /// The outline as fitted; `None` where it was given or there is none.
     pub fit: Option<BallFit>,
+    /// What known intrinsics say of the outline, and by how much it is drawn out beyond that; `None` where they are not known or its
+    /// rim is not clear.
+    pub oval: Option<(BallCircle, Oval)>,
     /// All detections, the likeliest first.
     pub dots: Vec<DotDetection>,
     /// For each detection the pattern's dot that it is; `None` for a false one, or one that was left out.
@@ -178,6 +182,7 @@ impl FrameEstimate {
         outline: None,
         circle: None,
         fit: None,
+        oval: None,
         dots: Vec::new(),
         assignment: Vec::new(),
         outcome: Err(FrameRejection::NotProcessed),
@@ -281,7 +286,7 @@ impl FrameEstimate {
 
     /// Nothing is known; there is memory for what will be.
     pub(crate) fn clear(&mut self) {
-        (self.outline, self.circle, self.fit) = (None, None, None);
+        (self.outline, self.circle, self.fit, self.oval) = (None, None, None, None);
         self.dots.clear();
         self.dots.reserve(EXPECTED_DOTS);
         self.assignment.clear();

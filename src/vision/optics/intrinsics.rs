@@ -10,6 +10,7 @@
 //! Distortion is undone where a ball is looked at, by a camera that points at it; images are never undistorted as a whole.
 
 mod file;
+mod size;
 mod tree;
 
 use std::path::Path;

@@ -10,7 +10,9 @@ pub(crate) mod grid;
 pub mod intrinsics;
 pub mod lens;
 pub(crate) mod off_center;
+pub(crate) mod oval;
 pub(crate) mod sums;
 mod tilt;
 
 pub use off_center::OffCenter;
+pub use oval::Oval;

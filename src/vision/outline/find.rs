@@ -14,18 +14,22 @@
 
 use crate::error::Result;
 use crate::image::{ImageView, Roi};
+use crate::vision::dots::cap::CapShape;
 use crate::vision::frame::config::{CameraModel, OutlineMethod};
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
 use crate::vision::frame::outline::Outline;
 use crate::vision::frame::prior::Prior;
-use crate::vision::optics::camera::{BallCircle, Camera};
+use crate::vision::optics::ball_pixels::BallPixels;
+use crate::vision::optics::camera::{BallCircle, BallView, Camera};
 use crate::vision::optics::crop::{Crop, Images};
 use crate::vision::optics::intrinsics::Intrinsics;
+use crate::vision::optics::oval::Oval;
 use crate::vision::outline::circle::{BallFinder, BallFit, CircleConfig, NoBall};
 use crate::vision::outline::locate::{Candidate, Locator};
 use crate::vision::outline::net::OutlineNet;
 use crate::vision::outline::place::Place;
 use crate::vision::outline::recenter::Recentering;
+use crate::vision::outline::rim::RimFitter;
 
 /// Circles are looked for in an image that is halved until its longer side has no more pixels than this.
 const SIDE: usize = 320;
@@ -58,6 +62,7 @@ pub struct OutlineSearch {
     circles: Vec<BallCircle>,
     locator: Locator,
     recentering: Recentering,
+    rim: RimFitter,
     /// What was found at the place in hand.
     there: FrameEstimate,
 }
@@ -78,6 +83,11 @@ impl OutlineFinder {
         })
     }
 
+    /// The camera's intrinsics, where they are known.
+    pub(crate) fn intrinsics(&self) -> Option<Intrinsics> {
+        self.intrinsics
+    }
+
     /// A new workspace.
     pub fn workspace(&self) -> OutlineSearch {
         OutlineSearch {
@@ -86,6 +96,7 @@ impl OutlineFinder {
             circles: Vec::new(),
             locator: Locator::new(self.circle),
             recentering: Recentering::new(self.circle),
+            rim: RimFitter::default(),
             there: FrameEstimate::default(),
         }
     }
@@ -222,7 +233,28 @@ impl OutlineFinder {
         }
         there.circle = there.outline.map(|o: Outline| o.circle);
         there.place(&crop.grid);
+        there.oval = self.oval(crop, there, &mut ws.rim);
         Ok(worth)
+    }
+}
+
+impl OutlineFinder {
+    /// By how much the rim of an outline is drawn out beyond what known intrinsics say, where it was found by its edges.
+    fn oval(
+        &self,
+        crop: &Crop<'_>,
+        there: &FrameEstimate,
+        rim: &mut RimFitter,
+    ) -> Option<(BallCircle, Oval)> {
+        let (circle, fit) = (there.circle?, there.fit?);
+        let view = BallView::new(&Camera::Perspective(self.intrinsics?), circle).ok()?;
+        let pixels = BallPixels {
+            gray: crop.gray,
+            grid: crop.grid,
+            view: &view,
+        };
+        let found = rim.fit(&pixels, &CapShape::of_edge(fit.edge_width, crop.grid.side))?;
+        Some((circle, found.oval?))
     }
 }
 

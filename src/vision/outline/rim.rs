@@ -9,20 +9,22 @@
 //!
 //! So neither the tone curve, which makes a bright ball larger by a quarter of a pixel, nor shading, which makes its dark side smaller,
 //! moves the outline. The sectors' `e` are a change of center and radius, fitted with the weights of Student's distribution: a dot
-//! at the rim, a shadow or a hand counts little.
+//! at the rim, a shadow or a hand counts little. Apart from that they are fitted once more with an [oval](Oval): what `cos 2a` and
+//! `sin 2a` of the direction `a` add to the radius.
 //!
 //! Not promised: an outline where the ball is not within a pixel or two of where it was found; then there is none.
 
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
-use nalgebra::{Matrix3, SVector, Vector2};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
 use crate::geometry::Vec3;
 use crate::stats::normal_cdf_and_density;
 use crate::vision::dots::cap::CapShape;
 use crate::vision::optics::ball_pixels::BallPixels;
 use crate::vision::optics::camera::{BallView, Pixel};
+use crate::vision::optics::oval::Oval;
 use crate::vision::optics::sums::Sums;
 
 /// Number of sectors.
@@ -48,8 +50,9 @@ const MAX_SECTOR_ERROR: f64 = 0.3;
 /// Steps, and degrees of freedom, of the fit to the sectors.
 const ROUNDS: usize = 6;
 const DEGREES: f64 = 3.0;
-/// Fewer sectors are no outline.
+/// Fewer sectors are no outline, and no oval.
 const MIN_SECTORS: usize = 14;
+const MIN_OVAL_SECTORS: usize = 16;
 /// Standard deviations of what the model leaves out, pixels: of center and radius.
 const MODEL_ERROR: [f64; 3] = [0.03, 0.03, 0.08];
 
@@ -97,6 +100,7 @@ impl Default for RimFitter {
 pub(crate) struct RimFit {
     pub change: Vec3,
     pub covariance: Matrix3<f64>,
+    pub oval: Option<Oval>,
 }
 
 impl RimFitter {
@@ -260,22 +264,44 @@ fn place(pixels: &[RimPixel], blur: f64) -> Place {
 
 /// The outline by its sectors.
 fn outline(sectors: &[Sector; SECTORS], places: &[Place; SECTORS]) -> Option<RimFit> {
+    let round = |n: &Vector2<f64>| [n.x, n.y, 1.0].into();
+    let oval = |n: &Vector2<f64>| [n.x, n.y, 1.0, n.x * n.x - n.y * n.y, 2.0 * n.x * n.y].into();
+    let (change, mut covariance) = fit(sectors, places, MIN_SECTORS, round)?;
+    let errors = MODEL_ERROR.map(|e| e * e);
+    covariance += Matrix3::from_diagonal(&errors.into());
+    let drawn_out = fit::<5>(sectors, places, MIN_OVAL_SECTORS, oval);
+    (change.amax() < MAX_CHANGE).then(|| RimFit {
+        change,
+        covariance,
+        oval: drawn_out.map(|(change, covariance)| Oval {
+            stretch_px: change.fixed_rows::<2>(3).into_owned(),
+            covariance: covariance.fixed_view::<2, 2>(3, 3).into_owned(),
+        }),
+    })
+}
+
+/// What moves the rim as the sectors have it, each unknown by its derivative there, and its covariance.
+fn fit<const N: usize>(
+    sectors: &[Sector; SECTORS],
+    places: &[Place; SECTORS],
+    min_count: usize,
+    by_normal: impl Fn(&Vector2<f64>) -> SVector<f64, N>,
+) -> Option<(SVector<f64, N>, SMatrix<f64, N, N>)> {
     let seen = || {
         let both = sectors.iter().zip(places);
-        both.filter_map(|(sector, place)| Some((sector.normal, (*place)?)))
+        both.filter_map(|(sector, place)| Some((by_normal(&sector.normal), (*place)?)))
     };
     let count = seen().count();
-    if count < MIN_SECTORS {
+    if count < min_count {
         return None;
     }
-    let mut change = Vec3::zeros();
+    let mut change = SVector::<f64, N>::zeros();
     let mut scale = 1.0;
-    let mut covariance = Matrix3::zeros();
+    let mut covariance = SMatrix::<f64, N, N>::zeros();
     for _ in 0..ROUNDS {
-        let (mut information, mut gradient) = (Matrix3::zeros(), Vec3::zeros());
+        let (mut information, mut gradient) = (SMatrix::zeros(), SVector::zeros());
         let mut squares = 0.0;
-        for (normal, (at, variance)) in seen() {
-            let by = Vec3::new(normal.x, normal.y, 1.0);
+        for (by, (at, variance)) in seen() {
             let residual = at - by.dot(&change);
             let squared = residual * residual / (variance * scale);
             let weight = (DEGREES + 1.0) / (DEGREES + squared);
@@ -283,14 +309,12 @@ fn outline(sectors: &[Sector; SECTORS], places: &[Place; SECTORS]) -> Option<Rim
             gradient += by * (weight * residual / variance);
             squares += weight * residual * residual / variance;
         }
-        let inverse = information.try_inverse()?;
+        let inverse = information.cholesky()?.inverse();
         change += inverse * gradient;
-        scale = (squares / (count - 3) as f64).max(1.0);
+        scale = (squares / (count - N) as f64).max(1.0);
         covariance = inverse * (scale * (DEGREES + 3.0) / (DEGREES + 1.0));
     }
-    let errors = MODEL_ERROR.map(|e| e * e);
-    covariance += Matrix3::from_diagonal(&errors.into());
-    (change.amax() < MAX_CHANGE).then_some(RimFit { change, covariance })
+    Some((change, covariance))
 }
 
 /// From this depth on, in steps of that, in deviations of the blur.

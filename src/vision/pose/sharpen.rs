@@ -106,7 +106,11 @@ impl Estimator {
         }
         let is_found = out.outline.is_some_and(|o| !o.is_given());
         let rim = || ws.rim.fit(&pixels, &shape?);
-        is_any.then(|| is_found.then(rim).flatten())
+        let rim = is_found.then(rim).flatten();
+        let is_known = self.intrinsics().is_some();
+        let oval = rim.and_then(|rim| rim.oval).filter(|_| is_known);
+        out.oval = oval.map(|oval| (*view.circle(), oval));
+        is_any.then_some(rim)
     }
 
     fn refine_sharpened(

@@ -12,6 +12,7 @@ mod derive;
 mod descents;
 mod detection_limit;
 mod flying;
+mod focal;
 mod frames;
 mod latency;
 mod limit;
@@ -79,6 +80,8 @@ enum Command {
     SmearClips(smear_clips::Args),
     /// What a rolling shutter costs, and what its correction gains.
     Rolling(rolling::Args),
+    /// Do the ball's outlines contradict the camera's intrinsics?
+    Focal(focal::Args),
     /// How often images that show no ball are answered.
     Noise(noise::Args),
     /// How often a flipped camera is told apart.
@@ -155,6 +158,7 @@ fn main() -> Outcome {
         Command::Smear(args) => args.run(),
         Command::SmearClips(args) => args.run(),
         Command::Rolling(args) => args.run(),
+        Command::Focal(args) => args.run(),
         Command::Noise(args) => args.run(),
         Command::Mirror(args) => args.run(),
         Command::Sequences(args) => args.run(),

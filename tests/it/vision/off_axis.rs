@@ -3,6 +3,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use spindoe::clip::{SeenOval, focal_doubt};
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
 use spindoe::image::GrayImage;
 use spindoe::pattern::Pattern;
@@ -396,4 +397,56 @@ fn outlines_by_the_net_alone_are_as_good_off_the_axis() {
     println!("by the net alone: median {off:.2} deg, on the axis {on:.2} deg");
     // A circle through the ellipse makes it three times as large.
     assert!(off < 1.5 * on + 0.2, "{off}, on the axis {on}");
+}
+
+/// A ball that turns at one place, by intrinsics whose focal lengths are so many times the right ones.
+#[test]
+fn outlines_contradict_focal_lengths_that_are_far_off() {
+    let pattern = crate::common::random_pattern(20, 5);
+    let mut rng = ChaCha8Rng::seed_from_u64(60);
+    // What a rim shows that is off by more than two pixels, as by half the right focal length at 22 degrees, is not asked.
+    for (distortion, off_axis_deg, factors) in [
+        ([0.0; 4], 22.0, &[1.0, 2.0, 3.0][..]),
+        ([-0.25, 0.05, 0.001, -0.002], 22.0, &[1.0]),
+        ([0.0; 4], 3.0, &[1.0, 0.5, 2.0]),
+    ] {
+        let mut cast = Cast::through(distortion, 12.0, f64::to_radians(off_axis_deg), &mut rng);
+        let images: Vec<GrayImage> = (0..8)
+            .map(|_| {
+                cast.rotation = random_rotation(&mut rng);
+                cast.image(&pattern, Behind::Dark, srgb, &mut rng)
+            })
+            .collect();
+        for &factor in factors {
+            let k = Intrinsics {
+                fx: factor * cast.intrinsics.fx,
+                fy: factor * cast.intrinsics.fy,
+                ..cast.intrinsics
+            };
+            let seen = images.iter().filter_map(|image| {
+                let out = estimated(&pattern, Camera::Perspective(k).into(), image, None);
+                out.pose().and_then(|_| SeenOval::of(&out, 0.0))
+            });
+            let seen: Vec<SeenOval> = seen.collect();
+            let doubt = focal_doubt(&k, &seen);
+            let is_far = factor != 1.0 && off_axis_deg > 10.0;
+            println!(
+                "{off_axis_deg} deg, f x {factor}: {} outlines, {doubt:?}",
+                seen.len()
+            );
+            assert_eq!(
+                doubt.is_some(),
+                is_far,
+                "{off_axis_deg} deg, f x {factor}: {doubt:?}"
+            );
+            if let Some(doubt) = doubt {
+                assert!(
+                    (doubt.ratio * factor).ln().abs() < 0.25,
+                    "f x {factor}: {doubt}"
+                );
+                let words = doubt.to_string();
+                assert!(words.len() < 200 && words.lines().count() == 1, "{words}");
+            }
+        }
+    }
 }

@@ -306,6 +306,7 @@ impl<'a> Report<'a> {
     pub fn say(&self) {
         inputs::say_skipped(&self.batch.skipped);
         inputs::say_cut_short(&self.batch.cut_short);
+        inputs::say_camera(self.batch);
         let frames = self.batch.frames.iter().zip(&self.rows).enumerate();
         for (k, (frame, rows)) in frames {
             let name = shown(&frame.name);

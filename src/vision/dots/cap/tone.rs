@@ -77,6 +77,22 @@ impl CapShape {
         }
     }
 
+    /// Where an outline alone says how sharp the image is: by the width of its edge, and the side of a pixel of the image that it was
+    /// fitted in, pixels.
+    pub fn of_edge(width: f64, side: f64) -> Self {
+        // A Gaussian's edge is as wide as its greatest slope has it; the fit smooths it by about a pixel of its own.
+        let blur = width / std::f64::consts::TAU.sqrt();
+        Self {
+            radius: 0.0,
+            blur: (blur * blur - side * side)
+                .max(0.0)
+                .sqrt()
+                .max(BLUR.0 * side),
+            tone: Tone::default(),
+            is_known: false,
+        }
+    }
+
     /// Its unknowns and their variances.
     pub fn expected(&self) -> [(f64, f64); 3] {
         let [of_radius, of_blur] = SPREAD[usize::from(self.is_known)];

@@ -491,7 +491,7 @@ impl<'a> Reader<'a> {
 impl Intrinsics {
     /// Those of an image so many times as wide and high: pixels' centers keep their place.
     #[must_use]
-    fn scaled(&self, [across, down]: [f64; 2]) -> Self {
+    pub(crate) fn scaled(&self, [across, down]: [f64; 2]) -> Self {
         Self {
             fx: across * self.fx,
             fy: down * self.fy,

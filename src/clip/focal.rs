@@ -1,0 +1,255 @@
+//! Do the ball's outlines contradict the camera's intrinsics?
+//!
+//! Off the optical axis a ball's outline is drawn out, in inverse proportion to the square of the focal length ([`Oval`]). With the focal
+//! lengths `g` times as long as the intrinsics have them, `s_i(g)` is the stretch that they give the outline of frame `i` where it is seen.
+//! What the rim shows beyond `s_i(1)` is
+//!
+//! ```text
+//! x_i = s_i(g) - s_i(1) + o + r_i m + e_i
+//! ```
+//!
+//! with `o` what light and lens draw out all outlines alike, `m` what a rolling shutter does to a ball that moves, and `e_i` of Student's
+//! distribution, so that a frame with a hand at the ball counts little. The intrinsics are contradicted where every `g` near 1 is less
+//! likely than the best one by [`CLEAR`].
+//!
+//! Guarantees: silence where the outlines cannot say, as those of a ball on the axis. Not guaranteed: that wrong intrinsics are found;
+//! a wrong principal point shows in [`Intrinsics::size_doubt`] alone.
+
+use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
+
+use super::batch::Batch;
+use super::work::Work;
+use crate::vision::frame::config::CameraModel;
+use crate::vision::frame::estimate::FrameEstimate;
+use crate::vision::optics::camera::{BallCircle, BallView, Camera};
+use crate::vision::optics::intrinsics::Intrinsics;
+use crate::vision::optics::oval::{Oval, stretch_px};
+
+/// Focal lengths that are tried, over those given: up to so many times as long or as short, in steps of this part.
+const FARTHEST: f64 = 5.0;
+const STEP: f64 = 0.1;
+/// Those up to so many times as long or as short are not far off.
+const NEAR: f64 = 1.25;
+/// ln of the odds by which none of these may fit. By the right intrinsics nothing whatever fits 29 rendered clips better than them by more
+/// than 6.1 (`bench focal`, docs/measurements/intrinsics.md).
+const CLEAR: f64 = 8.0;
+/// That of the range that is given: 95 % of a normal distribution.
+const WITHIN: f64 = 1.92;
+/// Frames that have a say, spread over those that show an outline, and how many are as good as independent: light and motion of frames
+/// near in time are alike.
+const MAX_FRAMES: usize = 32;
+const INDEPENDENT: f64 = 12.0;
+/// Fewer say nothing.
+const MIN_FRAMES: usize = 3;
+/// Standard deviations of what draws outlines out beside the camera, pixels, over the radius where that is more: of all outlines
+/// alike, and of each.
+const SHARED: (f64, f64) = (0.1, 0.002);
+const SINGLE: (f64, f64) = (0.05, 0.001);
+/// Part of what a rolling shutter does that changes from frame to frame: most motions are even.
+const UNEVEN: f64 = 0.1;
+/// Degrees of freedom of a frame's error.
+const DEGREES: f64 = 4.0;
+/// Steps of the reweighted fit.
+const STEPS: usize = 4;
+
+/// Intrinsics that the ball's outlines contradict by far.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct FocalDoubt {
+    /// The focal lengths that fit the outlines best, over those given.
+    pub ratio: f64,
+    /// The least and the greatest within 95 %.
+    pub range: [f64; 2],
+    /// Number of outlines.
+    pub frames: usize,
+}
+
+impl std::fmt::Display for FocalDoubt {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            ratio,
+            range: [low, high],
+            frames,
+        } = self;
+        write!(
+            f,
+            "the ball's outlines contradict the intrinsics: they fit focal lengths {ratio:.2} times these ({low:.2} to {high:.2}; {frames} frames); is K that of images of another size?"
+        )
+    }
+}
+
+/// A ball's outline in a frame.
+#[derive(Debug, Clone, Copy)]
+pub struct SeenOval {
+    /// The outline as the intrinsics have it.
+    pub circle: BallCircle,
+    /// By how much it is drawn out beyond that.
+    pub oval: Oval,
+    /// By how much a rolling shutter may have drawn it out, over the radius: half the ball's way between two frames over the picture's
+    /// rows; 0 where the frames are no sequence.
+    pub rolling: f64,
+}
+
+impl SeenOval {
+    /// That of an estimate, where it has one.
+    pub fn of(frame: &FrameEstimate, rolling: f64) -> Option<Self> {
+        let (circle, oval) = frame.oval?;
+        Some(Self {
+            circle,
+            oval,
+            rolling,
+        })
+    }
+
+    /// By how much longer focal lengths would draw it out more, pixels.
+    fn more(&self, k: &Intrinsics, ratio: f64) -> Option<Vector2<f64>> {
+        let stretch = |ratio: f64| {
+            let scaled = Intrinsics {
+                fx: k.fx * ratio,
+                fy: k.fy * ratio,
+                skew: k.skew * ratio,
+                ..*k
+            };
+            stretch_px(&BallView::new(&Camera::Perspective(scaled), self.circle).ok()?)
+        };
+        Some(stretch(ratio)? - stretch(1.0)?)
+    }
+}
+
+/// Whether outlines contradict the intrinsics by far.
+pub fn focal_doubt(k: &Intrinsics, seen: &[SeenOval]) -> Option<FocalDoubt> {
+    let stride = seen.len().div_ceil(MAX_FRAMES).max(1);
+    let seen: Vec<SeenOval> = seen.iter().step_by(stride).copied().collect();
+    if seen.len() < MIN_FRAMES {
+        return None;
+    }
+    let most = (FARTHEST.ln() / STEP).round() as i32;
+    let tried = (-most..=most).map(|step| (STEP * f64::from(step)).exp());
+    let tried: Vec<(f64, f64)> = tried
+        .filter_map(|ratio| Some((ratio, unlikeliness(k, ratio, &seen)?)))
+        .collect();
+    let best = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let near = tried.iter();
+    let near = near.filter(|(ratio, _)| (1.0 / NEAR..=NEAR).contains(ratio));
+    let least = near.map(|(_, worse)| *worse).min_by(f64::total_cmp)?;
+    let is_far = least > best.1 + CLEAR;
+    let fits = |(_, worse): &&(f64, f64)| *worse <= best.1 + WITHIN;
+    let range = |of: fn(f64, f64) -> f64, start: f64| {
+        let all = tried.iter().filter(fits).map(|(ratio, _)| *ratio);
+        all.fold(start, of)
+    };
+    let range = [range(f64::min, f64::MAX), range(f64::max, 0.0)];
+    is_far.then_some(FocalDoubt {
+        ratio: best.0,
+        range,
+        frames: seen.len(),
+    })
+}
+
+/// -ln of the likelihood of the outlines where the focal lengths are so many times as long; `None` where such a camera does not see them.
+fn unlikeliness(k: &Intrinsics, ratio: f64, seen: &[SeenOval]) -> Option<f64> {
+    let floor = |(px, part): (f64, f64), radius: f64| (part * radius).max(px);
+    let mut errors = Vec::with_capacity(seen.len());
+    for one in seen {
+        let radius = one.circle.radius;
+        let single = floor(SINGLE, radius).hypot(UNEVEN * one.rolling * radius);
+        let covariance = one.oval.covariance + Matrix2::from_diagonal_element(single * single);
+        let left = one.oval.stretch_px - one.more(k, ratio)?;
+        errors.push((left, covariance.try_inverse()?, radius));
+    }
+    let count = seen.len() as f64;
+    let (radius, rolling) = seen.iter().fold((0.0, 0.0), |(r, m), one| {
+        (r + one.circle.radius / count, m + one.rolling / count)
+    });
+    let shared = floor(SHARED, radius).powi(-2);
+    let rolled = rolling.max(1e-6).powi(-2);
+    let prior = Vector4::new(shared, shared, rolled, rolled);
+    let worth = (INDEPENDENT / count).min(1.0);
+    let mut common = Vector4::zeros();
+    let by = |radius: f64| {
+        let (one, r) = (Matrix2::identity(), Matrix2::from_diagonal_element(radius));
+        let mut by = Matrix4x2::zeros();
+        by.fixed_rows_mut::<2>(0).copy_from(&one);
+        by.fixed_rows_mut::<2>(2).copy_from(&r);
+        by
+    };
+    let squared = |common: &Vector4<f64>, (left, inverse, radius): &(_, Matrix2<f64>, f64)| {
+        let off: Vector2<f64> = left - by(*radius).transpose() * common;
+        off.dot(&(inverse * off))
+    };
+    for _ in 0..STEPS {
+        let mut information = Matrix4::from_diagonal(&prior);
+        let mut gradient = Vector4::zeros();
+        for error in &errors {
+            let (left, inverse, radius) = error;
+            let weight = worth * (DEGREES + 2.0) / (DEGREES + squared(&common, error));
+            information += by(*radius) * inverse * by(*radius).transpose() * weight;
+            gradient += by(*radius) * inverse * left * weight;
+        }
+        common = information.cholesky()?.solve(&gradient);
+    }
+    let frames: f64 = errors
+        .iter()
+        .map(|error| 0.5 * (DEGREES + 2.0) * (squared(&common, error) / DEGREES).ln_1p())
+        .sum();
+    let held = 0.5 * common.dot(&prior.component_mul(&common));
+    let sum = worth * frames + held;
+    sum.is_finite().then_some(sum)
+}
+
+impl Work<'_> {
+    /// The camera's intrinsics, where they are known.
+    fn intrinsics(&self) -> Option<Intrinsics> {
+        match self {
+            Self::Outlines(finder) => finder.intrinsics(),
+            _ => match self.tables().first()?.camera() {
+                CameraModel::Known(Camera::Perspective(k)) => Some(*k),
+                _ => None,
+            },
+        }
+    }
+}
+
+impl FocalDoubt {
+    /// What frames say of a camera, each by its picture's rows and the balls that are known in it. Frames of a sequence follow each other
+    /// evenly.
+    pub fn of_frames<'a>(
+        k: &Intrinsics,
+        is_sequence: bool,
+        frames: impl IntoIterator<Item = (usize, Vec<&'a FrameEstimate>)>,
+    ) -> Option<Self> {
+        let mut seen = Vec::new();
+        let mut before: Vec<BallCircle> = Vec::new();
+        for (rows, balls) in frames {
+            let circles: Vec<BallCircle> = balls.iter().filter_map(|b| b.circle).collect();
+            for (ball, circle) in balls.iter().filter_map(|b| Some((b, b.circle?))) {
+                let way = before
+                    .iter()
+                    .map(|b| (b.center.u - circle.center.u).hypot(b.center.v - circle.center.v))
+                    .fold(f64::INFINITY, f64::min);
+                let rolling = match is_sequence && way.is_finite() {
+                    true => 0.5 * way / rows.max(1) as f64,
+                    false => 0.0,
+                };
+                seen.extend(SeenOval::of(ball, rolling));
+            }
+            if !circles.is_empty() {
+                before = circles;
+            }
+        }
+        focal_doubt(k, &seen)
+    }
+
+    /// What the frames of a clip say of the camera of a work.
+    pub(super) fn of_clip<K>(work: &Work<'_>, batch: &Batch<K>) -> Option<Self> {
+        let k = work.intrinsics()?;
+        let is_sequence = batch.frames.iter().all(|f| f.time_s.is_some());
+        let is_known =
+            |ball: &&FrameEstimate| matches!(work, Work::Outlines(_)) || ball.pose().is_some();
+        let frames = batch.frames.iter().map(|frame| {
+            let rows = frame.size.map_or(1, |[_, rows]| rows);
+            let balls = frame.balls.iter().map(|ball| &ball.frame);
+            (rows, balls.filter(is_known).collect())
+        });
+        Self::of_frames(&k, is_sequence, frames)
+    }
+}
