@@ -231,8 +231,8 @@ class Design:
         resume: bool = False,
         budget_s: float | None = None,
     ) -> DesignResult:
-        """Searches, evaluates and writes everything. Ctrl-C ends it within one unit of work and leaves
-        what was found in the folder, from which `resume` continues.
+        """Searches, evaluates and writes everything. Ctrl-C raises at once. The folder keeps the last
+        checkpoint, from which `resume` continues once the present step has ended: until then it is locked.
 
         Args:
             callback: Called with the progress, on another thread; what it raises ends the search.

@@ -304,8 +304,12 @@ class Estimator:
 
     def _check(self, frames: Sequence[Any]) -> None:
         """Refuses frames of another size than the intrinsics are of."""
+        known: set[tuple[int, ...]] = set()
         for k, frame in enumerate(frames):
-            self.camera._check(f"images[{k}]", frame)
+            size = tuple(getattr(frame, "shape", ())[:2])
+            if size not in known:
+                self.camera._check(f"images[{k}]", frame)
+                known.add(size)
 
     def __repr__(self) -> str:
         return f"<Estimator of {self.table.pattern!r}, {self.camera}>"

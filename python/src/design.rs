@@ -34,7 +34,7 @@ pub fn design_request(flags: Vec<OsString>) -> PyResult<(Option<Pattern>, String
 }
 
 /// Runs work under an observer that calls Python, and maps what it ended with. Ctrl-C raises at once; the work ends by itself with its
-/// present step, and leaves its checkpoint.
+/// present step, and holds its folder until then.
 fn observed<T: Send + 'static>(
     py: Python<'_>,
     callback: Option<Py<PyAny>>,

@@ -246,7 +246,6 @@ impl Estimator {
         py: Python<'_>,
         images: &[Bound<'_, PyAny>],
         pixel: RawPixel,
-        is_sequence: bool,
         frames: &[FrameEstimate],
     ) -> PyResult<()> {
         let CameraModel::Known(Camera::Perspective(k)) = self.inner.config().camera else {
@@ -259,7 +258,7 @@ impl Estimator {
                 .rows();
             seen.push((rows, frame.pose().map(|_| frame).into_iter().collect()));
         }
-        match FocalDoubt::of_frames(&k, is_sequence, seen) {
+        match FocalDoubt::of_frames(&k, seen) {
             Some(doubt) => warn(py, &format!("camera: {doubt}")),
             None => Ok(()),
         }
@@ -477,7 +476,7 @@ impl Estimator {
         let informing = times.as_deref().filter(|_| !independent);
         let sequence = (informing, &config);
         let (frames, summary) = self.passes(py, &images, pixel, outline, sequence, progress)?;
-        self.warn_of_camera(py, &images, pixel, times.is_some(), &frames)?;
+        self.warn_of_camera(py, &images, pixel, &frames)?;
         let named = frames.iter().enumerate().map(|(k, estimate)| NamedFrame {
             name: "",
             time_s: times.as_ref().map(|times| times[k]),
@@ -553,7 +552,7 @@ impl Estimator {
             let times_s = times_s.filter(|times| times.len() > 1);
             let sequence = (times_s.as_deref(), &SequenceConfig::default());
             let (frames, _) = nominal.passes(py, &images, pixel, outline, sequence, progress)?;
-            nominal.warn_of_camera(py, &images, pixel, times_s.is_some(), &frames)?;
+            nominal.warn_of_camera(py, &images, pixel, &frames)?;
             Clip { frames, times_s }
         } else {
             calibrate::read_clip(py, Arc::clone(&nominal.inner), paths, outline, (fps, size))?

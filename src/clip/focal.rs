@@ -84,8 +84,8 @@ pub struct SeenOval {
     pub circle: BallCircle,
     /// By how much it is drawn out beyond that.
     pub oval: Oval,
-    /// By how much a rolling shutter may have drawn it out, over the radius: half the ball's way between two frames over the picture's
-    /// rows; 0 where the frames are no sequence.
+    /// By how much a rolling shutter may have drawn it out, over the radius: half the ball's way from the frame before over the picture's
+    /// rows; 0 without one.
     pub rolling: f64,
 }
 
@@ -210,11 +210,10 @@ impl Work<'_> {
 }
 
 impl FocalDoubt {
-    /// What frames say of a camera, each by its picture's rows and the balls that are known in it. Frames of a sequence follow each other
-    /// evenly.
+    /// What frames say of a camera, each by its picture's rows and the balls that are known in it. Each is taken for the next one of a
+    /// clip: times say nothing of whether it is, and single images, far from each other, are then said to be drawn out by more.
     pub fn of_frames<'a>(
         k: &Intrinsics,
-        is_sequence: bool,
         frames: impl IntoIterator<Item = (usize, Vec<&'a FrameEstimate>)>,
     ) -> Option<Self> {
         let mut seen = Vec::new();
@@ -226,7 +225,7 @@ impl FocalDoubt {
                     .iter()
                     .map(|b| (b.center.u - circle.center.u).hypot(b.center.v - circle.center.v))
                     .fold(f64::INFINITY, f64::min);
-                let rolling = match is_sequence && way.is_finite() {
+                let rolling = match way.is_finite() {
                     true => 0.5 * way / rows.max(1) as f64,
                     false => 0.0,
                 };
@@ -242,7 +241,6 @@ impl FocalDoubt {
     /// What the frames of a clip say of the camera of a work.
     pub(super) fn of_clip<K>(work: &Work<'_>, batch: &Batch<K>) -> Option<Self> {
         let k = work.intrinsics()?;
-        let is_sequence = batch.frames.iter().all(|f| f.time_s.is_some());
         let is_known =
             |ball: &&FrameEstimate| matches!(work, Work::Outlines(_)) || ball.pose().is_some();
         let frames = batch.frames.iter().map(|frame| {
@@ -250,6 +248,6 @@ impl FocalDoubt {
             let balls = frame.balls.iter().map(|ball| &ball.frame);
             (rows, balls.filter(is_known).collect())
         });
-        Self::of_frames(&k, is_sequence, frames)
+        Self::of_frames(&k, frames)
     }
 }

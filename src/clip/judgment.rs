@@ -7,7 +7,7 @@
 //! Of several balls one whose poses leave no doubt is not weighed in a mirror: each frame's recognizer has done so.
 //!
 //! Guarantees: tables and mirror images are judged by the same frames, at most [`MAX_FRAMES`] of a ball, spread over the clip; with fewer than
-//! [`MIN_FRAMES`] that show enough dots nothing is taken back.
+//! [`MIN_FRAMES`] that say anything nothing is taken back.
 
 use std::borrow::Cow;
 

@@ -13,7 +13,7 @@
 //! ```text
 //! L = ln( m + (1 - m) exp(E) )     with a pose
 //! L = ln m                         without one, if it shows enough dots
-//! L = ln m'                        without one, if it shows a ball with fewer; else 0
+//! L = ln m'                        without one, if it shows a ball with fewer and the poses share no motion; else 0
 //! ```
 //!
 //! limited, so that no single frame decides. The sum over the frames is the hypothesis' evidence
@@ -35,7 +35,7 @@ use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
 
-/// Minimum number of frames with enough dots for a verdict.
+/// Minimum number of frames that say anything for a verdict.
 pub const MIN_FRAMES: usize = 3;
 /// Dots, likelier so than not, that identify a ball in nearly every frame.
 const ENOUGH_DOTS: usize = 6;
@@ -44,6 +44,8 @@ const MISSED: f64 = 0.2;
 /// The same of a frame that shows a ball with fewer dots: 39 % of 231 rendered images in all conditions (12, 20 and 40 dots,
 /// seed 71), and more, since the frames of one clip are alike.
 const MISSED_OF_FEW: f64 = 0.6;
+/// Frames that show a ball with few dots are enough for a verdict from this number on: less is a matter of luck.
+const MANY_OF_FEW: usize = 16;
 /// Limits of a frame's weight against "none of them", and between two hypotheses.
 const MAX_WEIGHT: f64 = 6.0;
 pub(crate) const MAX_LEAD: f64 = 10.0;
@@ -70,6 +72,11 @@ impl FrameScore {
         self.dots >= ENOUGH_DOTS
     }
 
+    /// Whether it shows a ball with a few dots and has no pose: without any dot, the circle may be that of something else.
+    fn says_little(&self) -> bool {
+        self.ln_evidence.is_none() && self.shows_ball && self.dots > 0 && !self.has_enough_dots()
+    }
+
     /// ln of the frame's evidence for the hypothesis, not limited.
     pub(crate) fn weight(&self) -> f64 {
         match self.ln_evidence {
@@ -80,7 +87,6 @@ impl FrameScore {
                 high + ((fits - high).exp() + (missed - high).exp()).ln()
             }
             None if self.has_enough_dots() => MISSED.ln(),
-            None if self.shows_ball => MISSED_OF_FEW.ln(),
             None => 0.0,
         }
     }
@@ -108,7 +114,17 @@ impl BallHypothesis {
         } else {
             0.0
         };
-        self.frames.iter().map(limited).sum::<f64>() + motion
+        let little = self.little() as f64 * MISSED_OF_FEW.ln();
+        self.frames.iter().map(limited).sum::<f64>() + motion + little
+    }
+
+    /// Frames that show a ball with a few dots and have no pose, where the others share no motion: with one, it is the ball that is hard
+    /// to see.
+    fn little(&self) -> usize {
+        match self.has_common_motion {
+            true => 0,
+            false => self.frames.iter().filter(|f| f.says_little()).count(),
+        }
     }
 
     /// ln of the evidence against another hypothesis.
@@ -129,7 +145,7 @@ impl BallHypothesis {
 /// The verdict on a clip.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Verdict {
-    /// Too few frames show enough dots: each stands for itself.
+    /// Too few frames say anything: each stands for itself.
     Open,
     /// This hypothesis fits.
     Fits {
@@ -159,11 +175,9 @@ pub enum Verdict {
 /// Decides among hypotheses on the same frames.
 pub fn decide(hypotheses: &[BallHypothesis]) -> Verdict {
     let informative = |h: &BallHypothesis| {
-        let is_answered = h.answered() > 0;
-        let says = |f: &&FrameScore| {
-            f.has_enough_dots() || f.ln_evidence.is_some() || is_answered && f.shows_ball
-        };
-        h.frames.iter().filter(says).count()
+        let says = |f: &&FrameScore| f.has_enough_dots() || f.ln_evidence.is_some();
+        let is_much = h.answered() > 0 && h.little() >= MANY_OF_FEW;
+        h.frames.iter().filter(says).count() + if is_much { MIN_FRAMES } else { 0 }
     };
     if hypotheses.iter().map(informative).max().unwrap_or(0) < MIN_FRAMES {
         return Verdict::Open;
@@ -346,7 +360,13 @@ mod tests {
         };
         let found = decide(&[clip(2)]);
         assert!(matches!(found, Verdict::None { best: 0, .. }), "{found:?}");
-        let found = decide(&[clip(10)]);
+        let found = decide(&[clip(15)]);
+        assert!(matches!(found, Verdict::Fits { .. }), "{found:?}");
+        let one_motion = BallHypothesis {
+            has_common_motion: true,
+            ..clip(4)
+        };
+        let found = decide(&[one_motion]);
         assert!(matches!(found, Verdict::Fits { .. }), "{found:?}");
         // Hardly seen at all is not another ball.
         assert_eq!(decide(&[clip(0)]), Verdict::Open);

@@ -110,7 +110,7 @@ struct Link {
 }
 
 /// Finds each two quadruples from that pair of dots of both that is nearest to a right angle. That pair is aligned with
-/// every other of a lower rank; a third dot must then match a third, and a fourth a fourth. What looks like another is
+/// every pair of no higher rank; a third dot must then match a third, and a fourth a fourth. What looks like another is
 /// looked like by it, so each two are found once and listed twice.
 struct Search<'a> {
     dots: &'a [Vec3],

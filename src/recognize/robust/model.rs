@@ -360,6 +360,28 @@ mod tests {
     }
 
     #[test]
+    fn nothing_matches_beyond_the_reach() {
+        for noise in [
+            crate::view::Noise::RandomAxis { sigma_rad: 0.05 },
+            ViewModel::default().noise,
+        ] {
+            let view = ViewModel {
+                noise,
+                ..ViewModel::default()
+            };
+            let model = Model::new(&view, 20);
+            for least in [-30.0, -12.0, -6.5, -1.0, 0.5] {
+                let reach = model.reach_squared(least);
+                for k in 0..=1000 {
+                    let d2 = reach + 1e-3 + 0.1 * f64::from(k);
+                    let more = model.ln_kernel(d2).filter(|ln| *ln > least + 1e-12);
+                    assert_eq!(more, None, "{least}: {d2} beyond {reach}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn dots_given_are_any_of_the_visible_ones() {
         let view = ViewModel {
             detection: Detection::Given { dots: 4 },

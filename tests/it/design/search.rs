@@ -641,5 +641,5 @@ fn the_paper_s_way_has_the_paper_s_rate() {
         .iter()
         .find(|v| v["recognizer"] == "paper" && v["protocol"] == "paper");
     let answered = &of_paper.unwrap()["answered"];
-    assert!(answered["high"].as_f64().unwrap() >= 0.98, "{answered}");
+    assert!(answered["rate"].as_f64().unwrap() >= 0.98, "{answered}");
 }
