@@ -109,7 +109,7 @@ mod tests {
             ([480, 640], "turned?"),
             ([1080, 1440], "turned?"),
             // Cut out of larger ones, and their own principal point beyond.
-            ([300, 200], "lies off the images"),
+            ([300, 100], "lies off the images"),
         ] {
             let words = k.size_doubt(size).expect("a doubt");
             assert!(
