@@ -78,6 +78,14 @@ struct Clip {
     words: String,
 }
 
+/// What a clip's outlines say.
+struct Judged {
+    /// The greatest angle off the axis, degrees.
+    off_deg: f64,
+    /// Of each of the intrinsics.
+    doubts: Vec<Option<FocalDoubt>>,
+}
+
 impl Args {
     pub fn run(&self) -> Outcome {
         let pattern = Pattern::read_csv(DOTS20.as_ref())?;
@@ -86,7 +94,7 @@ impl Args {
             self.clips, self.frames, SIZE[0], SIZE[1], self.seed, BALL_PX[0], BALL_PX[1]
         );
         let given = if self.right { 1 } else { GIVEN.len() };
-        let judged: Vec<(f64, Vec<(usize, Option<FocalDoubt>)>)> = (0..self.clips)
+        let judged: Vec<Judged> = (0..self.clips)
             .into_par_iter()
             .map(|k| self.judged(&pattern, self.seed + k, given))
             .collect::<spindoe::Result<_>>()?;
@@ -102,13 +110,13 @@ impl Args {
         for (which, (name, ..)) in GIVEN.iter().enumerate().take(given) {
             let mut low = 0.0;
             for high in BINS_DEG {
-                let some = judged.iter().filter(|(off, _)| (low..high).contains(off));
-                let some: Vec<_> = some.map(|(_, all)| all[which]).collect();
+                let some = judged.iter().filter(|j| (low..high).contains(&j.off_deg));
+                let some: Vec<_> = some.map(|j| j.doubts[which]).collect();
                 low = high;
                 if some.is_empty() {
                     continue;
                 }
-                let said = some.iter().filter(|(_, doubt)| doubt.is_some()).count();
+                let said = some.iter().filter(|doubt| doubt.is_some()).count();
                 let rate = Proportion::new(said as u64, some.len() as u64);
                 row!(table; *name, format!("{high:.0} deg"), some.len(), rate);
             }
@@ -117,14 +125,9 @@ impl Args {
     }
 
     /// The greatest angle off the axis of a clip, and what its outlines say of each of the intrinsics.
-    fn judged(
-        &self,
-        pattern: &Pattern,
-        seed: u64,
-        given: usize,
-    ) -> spindoe::Result<(f64, Vec<(usize, Option<FocalDoubt>)>)> {
+    fn judged(&self, pattern: &Pattern, seed: u64, given: usize) -> spindoe::Result<Judged> {
         let clip = self.clip(pattern, seed)?;
-        let mut all = Vec::new();
+        let mut doubts = Vec::new();
         for (name, focal, whole) in &GIVEN[..given] {
             let k = Intrinsics {
                 fx: clip.k.fx * focal,
@@ -186,9 +189,12 @@ impl Args {
             if let (Some(doubt), "right") = (&doubt, *name) {
                 println!("seed {seed}, {}: {doubt}", clip.words);
             }
-            all.push((seen.len(), doubt));
+            doubts.push(doubt);
         }
-        Ok((clip.off_deg, all))
+        Ok(Judged {
+            off_deg: clip.off_deg,
+            doubts,
+        })
     }
 
     fn clip(&self, pattern: &Pattern, seed: u64) -> spindoe::Result<Clip> {
