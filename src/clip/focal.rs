@@ -100,25 +100,50 @@ impl SeenOval {
         })
     }
 
-    /// By how much longer focal lengths would draw it out more, pixels.
-    fn more(&self, k: &Intrinsics, ratio: f64) -> Option<Vector2<f64>> {
-        let stretch = |ratio: f64| {
-            let scaled = Intrinsics {
-                fx: k.fx * ratio,
-                fy: k.fy * ratio,
-                skew: k.skew * ratio,
-                ..*k
-            };
-            stretch_px(&BallView::new(&Camera::Perspective(scaled), self.circle).ok()?)
+    /// By how much focal lengths so many times as long draw it out, pixels.
+    fn expected_px(&self, k: &Intrinsics, ratio: f64) -> Option<Vector2<f64>> {
+        let scaled = Intrinsics {
+            fx: k.fx * ratio,
+            fy: k.fy * ratio,
+            skew: k.skew * ratio,
+            ..*k
         };
-        Some(stretch(ratio)? - stretch(1.0)?)
+        stretch_px(&BallView::new(&Camera::Perspective(scaled), self.circle).ok()?)
     }
+}
+
+/// What an outline shows, whatever the focal lengths.
+struct Shown {
+    seen: SeenOval,
+    /// By how much it is drawn out in all, pixels.
+    stretch_px: Vector2<f64>,
+    /// Inverse covariance of that, 1/px^2.
+    inverse: Matrix2<f64>,
+}
+
+impl Shown {
+    fn new(k: &Intrinsics, seen: SeenOval) -> Option<Self> {
+        let radius = seen.circle.radius;
+        let single = floor(SINGLE, radius).hypot(UNEVEN * seen.rolling * radius);
+        let covariance = seen.oval.covariance + Matrix2::from_diagonal_element(single * single);
+        Some(Self {
+            stretch_px: seen.oval.stretch_px + seen.expected_px(k, 1.0)?,
+            inverse: covariance.try_inverse()?,
+            seen,
+        })
+    }
+}
+
+/// A deviation at a radius: so many pixels, or the part of the radius where that is more.
+fn floor((px, part): (f64, f64), radius: f64) -> f64 {
+    (part * radius).max(px)
 }
 
 /// Whether outlines contradict the intrinsics by far.
 pub fn focal_doubt(k: &Intrinsics, seen: &[SeenOval]) -> Option<FocalDoubt> {
     let stride = seen.len().div_ceil(MAX_FRAMES).max(1);
-    let seen: Vec<SeenOval> = seen.iter().step_by(stride).copied().collect();
+    let seen = seen.iter().step_by(stride);
+    let seen: Vec<Shown> = seen.map(|one| Shown::new(k, *one)).collect::<Option<_>>()?;
     if seen.len() < MIN_FRAMES {
         return None;
     }
@@ -146,19 +171,18 @@ pub fn focal_doubt(k: &Intrinsics, seen: &[SeenOval]) -> Option<FocalDoubt> {
 }
 
 /// -ln of the likelihood of the outlines where the focal lengths are so many times as long; `None` where such a camera does not see them.
-fn unlikeliness(k: &Intrinsics, ratio: f64, seen: &[SeenOval]) -> Option<f64> {
-    let floor = |(px, part): (f64, f64), radius: f64| (part * radius).max(px);
+fn unlikeliness(k: &Intrinsics, ratio: f64, seen: &[Shown]) -> Option<f64> {
     let mut errors = Vec::with_capacity(seen.len());
     for one in seen {
-        let radius = one.circle.radius;
-        let single = floor(SINGLE, radius).hypot(UNEVEN * one.rolling * radius);
-        let covariance = one.oval.covariance + Matrix2::from_diagonal_element(single * single);
-        let left = one.oval.stretch_px - one.more(k, ratio)?;
-        errors.push((left, covariance.try_inverse()?, radius));
+        let left = one.stretch_px - one.seen.expected_px(k, ratio)?;
+        errors.push((left, one.inverse, one.seen.circle.radius));
     }
     let count = seen.len() as f64;
     let (radius, rolling) = seen.iter().fold((0.0, 0.0), |(r, m), one| {
-        (r + one.circle.radius / count, m + one.rolling / count)
+        let SeenOval {
+            circle, rolling, ..
+        } = one.seen;
+        (r + circle.radius / count, m + rolling / count)
     });
     let shared = floor(SHARED, radius).powi(-2);
     let rolled = rolling.max(1e-6).powi(-2);

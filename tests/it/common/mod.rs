@@ -21,6 +21,16 @@ pub fn skipped(why: &str) {
     say_skipped(why);
 }
 
+/// Whether ffmpeg is there; says that a test is skipped where it is not.
+#[allow(dead_code)]
+pub fn has_ffmpeg() -> bool {
+    let is_there = Command::new("ffmpeg").arg("-version").output().is_ok();
+    if !is_there {
+        skipped("ffmpeg is not installed");
+    }
+    is_there
+}
+
 /// Says so past the harness, which keeps what passing tests print to itself.
 fn say_skipped(why: &str) {
     use std::io::Write;

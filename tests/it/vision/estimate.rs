@@ -289,11 +289,7 @@ fn what_is_no_image_is_named_in_one_line() {
 
 #[test]
 fn videos_are_read_through_ffmpeg() {
-    let found = std::process::Command::new("ffmpeg")
-        .arg("-version")
-        .output();
-    if found.is_err() {
-        crate::common::skipped("ffmpeg is not installed");
+    if !crate::common::has_ffmpeg() {
         return;
     }
     let (dir, image) = folder();

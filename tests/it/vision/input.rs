@@ -187,20 +187,13 @@ fn images_are_turned_as_the_camera_says() {
 
 #[test]
 fn deep_videos_and_names_with_a_colon_are_read() {
-    if Command::new("ffmpeg").arg("-version").output().is_err() {
-        crate::common::skipped("ffmpeg is not installed");
+    if !crate::common::has_ffmpeg() {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
     for (format, name) in [("gray16le", "deep.mkv"), ("yuv420p10le", "ten:bits.mkv")] {
         let path = dir.path().join(name);
-        let made = Command::new("ffmpeg")
-            .args([
-                "-f",
-                "lavfi",
-                "-i",
-                "color=red:size=32x16:rate=100:duration=0.03",
-            ])
+        let made = generated("color=red:size=32x16:rate=100:duration=0.03")
             .args(["-pix_fmt", format, "-c:v", "ffv1"])
             .arg(format!("file:{}", path.display()))
             .output()
@@ -220,8 +213,7 @@ fn deep_videos_and_names_with_a_colon_are_read() {
 /// What phones, camcorders and boards write: MPEG-TS in packets of 188 bytes and, as AVCHD cards have it, of 192, and 3GP.
 #[test]
 fn containers_of_cameras_are_read_whole() {
-    if Command::new("ffmpeg").arg("-version").output().is_err() {
-        crate::common::skipped("ffmpeg is not installed");
+    if !crate::common::has_ffmpeg() {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
@@ -245,13 +237,7 @@ fn containers_of_cameras_are_read_whole() {
         ("phone.3gp", "mpeg4", &["-f", "3gp"]),
     ] {
         let path = dir.path().join(name);
-        let made = Command::new("ffmpeg")
-            .args([
-                "-f",
-                "lavfi",
-                "-i",
-                "testsrc=size=64x48:rate=50:duration=0.4",
-            ])
+        let made = generated("testsrc=size=64x48:rate=50:duration=0.4")
             .args(["-pix_fmt", "yuv420p", "-c:v", codec, "-bf", "0"])
             .args(flags)
             .arg(&path)
@@ -290,6 +276,13 @@ fn containers_of_cameras_are_read_whole() {
     }
 }
 
+/// An ffmpeg that writes pictures of a source of its own.
+fn generated(source: &str) -> Command {
+    let mut ffmpeg = Command::new("ffmpeg");
+    ffmpeg.args(["-f", "lavfi", "-i", source]);
+    ffmpeg
+}
+
 /// The frames of a video, and what is known at its end.
 fn read(path: &Path) -> (Vec<Frame>, SourceEnd) {
     let mut source = open(&Source::Video(path.to_path_buf()), DEFAULT_MAX_PIXELS).unwrap();
@@ -299,20 +292,13 @@ fn read(path: &Path) -> (Vec<Frame>, SourceEnd) {
 
 #[test]
 fn slow_motion_and_uneven_frames_keep_their_times() {
-    if Command::new("ffmpeg").arg("-version").output().is_err() {
-        crate::common::skipped("ffmpeg is not installed");
+    if !crate::common::has_ffmpeg() {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
     let make = |name: &str, flags: &[&str]| {
         let path = dir.path().join(name);
-        let made = Command::new("ffmpeg")
-            .args([
-                "-f",
-                "lavfi",
-                "-i",
-                "color=red:size=32x16:rate=30:duration=0.5",
-            ])
+        let made = generated("color=red:size=32x16:rate=30:duration=0.5")
             .args(flags)
             .arg(&path)
             .output()
