@@ -261,7 +261,7 @@ fn containers_of_cameras_are_read_whole() {
             // Each packet begins with four bytes of a time stamp, then the sync byte.
             let bytes = std::fs::read(&path).unwrap();
             let synced = bytes.chunks_exact(192).all(|packet| packet[4] == 0x47);
-            assert!(bytes.len() % 192 == 0 && synced, "{name}");
+            assert!(bytes.len().is_multiple_of(192) && synced, "{name}");
         }
         let listed = sources(std::slice::from_ref(&path)).unwrap();
         assert!(matches!(listed[..], [Source::Video(_)]), "{listed:?}");
