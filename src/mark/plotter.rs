@@ -28,6 +28,8 @@ use super::{MarkConfig, Turned, longitude_latitude};
 
 /// Distance of neighboring rings as a part of the pen's width.
 const OVERLAP: f64 = 0.8;
+/// A narrower ring is a touch of the pen.
+const MIN_RING_MM: f64 = 0.005;
 /// Turns about the poles that are tried.
 const TURNS: usize = 360;
 /// Longest comment in G-code, characters: senders cut longer lines.
@@ -173,9 +175,10 @@ fn path(dot: usize, center: &Vec3, config: &MarkConfig, plotter: &PlotterConfig)
         path.longitudes.push(longitude);
         path.latitudes.push(latitude);
     };
-    let mut radius = 0.5 * (config.dot_diameter_mm - pen);
-    // A ring narrower than this leaves nothing in its middle that the pen does not cover.
-    while radius > 0.25 * pen {
+    let edge = 0.5 * (config.dot_diameter_mm - pen);
+    let mut radius = edge;
+    // Within a ring narrower than this the pen covers everything. The first is the dot's edge, however narrow.
+    while radius > 0.25 * pen || (radius == edge && edge > MIN_RING_MM) {
         let n = facets(radius);
         let angle = (radius / ball).asin();
         // Closed: the first point comes again.

@@ -507,10 +507,12 @@ fn every_sheet_has_a_title_block() {
 
 #[test]
 fn a_pen_inks_each_dot_and_nothing_else() {
-    for ball in BALLS_MM {
+    // Dots are a tenth of the ball: pens of a fifth of a dot to nine tenths of it.
+    let pens = [0.02, 0.06, 0.09];
+    for (ball, pen) in BALLS_MM.iter().flat_map(|b| pens.map(|p| (*b, p))) {
         let (pattern, config) = (pattern(20), config(ball));
         let plotter = PlotterConfig {
-            pen_diameter_mm: 0.02 * ball,
+            pen_diameter_mm: pen * ball,
             ..PlotterConfig::default()
         };
         let (rotation, paths) = plotter_paths(&pattern, &config, &plotter).unwrap();
@@ -542,6 +544,46 @@ fn a_pen_inks_each_dot_and_nothing_else() {
             );
         }
     }
+}
+
+#[test]
+fn stickers_are_printed_beyond_their_cut() {
+    let own = StickerConfig {
+        bleed_mm: 0.7,
+        ..StickerConfig::default()
+    };
+    let drawing = stickers(&pattern(20), &config(40.0), &own).unwrap();
+    let items = || drawing.pages.iter().flat_map(|page| &page.items);
+    let width = |points: &[spindoe::mark::Point]| {
+        let x = || points.iter().map(|p| p.x);
+        x().fold(f64::NEG_INFINITY, f64::max) - x().fold(f64::INFINITY, f64::min)
+    };
+    // The maps show the dots besides, smaller.
+    let printed = items().filter(|item| match &item.shape {
+        Shape::Area(points) => item.layer == Layer::Dots && (width(points) - 5.4).abs() < 0.02,
+        _ => false,
+    });
+    let cut = items().filter(|item| match &item.shape {
+        Shape::Loop(points) => item.layer == Layer::Cut && (width(points) - 4.0).abs() < 0.02,
+        _ => false,
+    });
+    assert_eq!((printed.count(), cut.count()), (20, 20));
+}
+
+#[test]
+fn a_stated_time_dates_the_sheet() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("pattern.csv");
+    pattern(20).write_csv(&path).unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_spindoe"))
+        .args(["mark", "pattern.csv", "--as", "stickers", "-o", "s.svg"])
+        .env("SOURCE_DATE_EPOCH", "31536000")
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    assert!(output.status.success());
+    let sheet = std::fs::read_to_string(dir.path().join("s.svg")).unwrap();
+    assert!(sheet.contains("1971-01-01"));
 }
 
 #[test]

@@ -305,7 +305,16 @@ fn perfect_rates_have_an_axis() {
             low: 1.0,
             high: 1.0,
         }];
-        rate_curves(&dir.join("perfect.png"), &plot).unwrap();
+        let path = dir.join("perfect.svg");
+        rate_curves(&path, &plot).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let words = text.split("</text>").filter_map(|t| t.rsplit('>').next());
+        let numbers = words.filter_map(|w| w.trim().trim_end_matches(['%', ' ']).parse().ok());
+        let mut numbers: Vec<f64> = numbers.collect();
+        assert!(numbers.iter().all(|n| n.is_finite()), "{numbers:?}");
+        numbers.sort_by(f64::total_cmp);
+        numbers.dedup();
+        assert!(numbers.len() >= 3, "{numbers:?}");
     }
 }
 

@@ -545,6 +545,67 @@ fn the_coupon_has_six_closed_rings() {
     assert!(rings.bounding_box().min_mm[2].abs() < 1e-6);
 }
 
+/// A ring takes a ball that is larger by its number in tenths of a millimeter at its widest, all around.
+#[test]
+fn a_ring_of_the_coupon_is_as_wide_as_its_number_says() {
+    let config = StencilConfig::default();
+    let rings = coupon(&config).unwrap();
+    let on_bed = || rings.vertices.iter().filter(|v| v.z.abs() < 1e-6);
+    let pitch = config.ball_diameter_mm + 2.0 * (0.5 + config.wall_mm) + 4.0;
+    for tenths in 0..6 {
+        let place = [tenths % 3, tenths / 3].map(|k| pitch * f64::from(k));
+        let from_middle = |v: &Vec3| (v.x - place[0]).hypot(v.y - place[1]);
+        let own = on_bed().map(from_middle).filter(|r| *r < 0.5 * pitch);
+        let inner = own.fold(f64::INFINITY, f64::min);
+        let expected = 0.5 * config.ball_diameter_mm + 0.1 * f64::from(tenths);
+        // Facets lie on the sphere or within the chord's error of it.
+        assert!((inner - expected).abs() < 0.021, "{tenths}: {inner}");
+    }
+}
+
+/// The upper half of a 5 is open to the right, that of a 2 and of a 3 to the left.
+#[test]
+fn digits_are_engraved_the_right_way_round() {
+    let pattern = Pattern::new(spiral_directions(12).collect()).unwrap();
+    let stencil = Stencil::build(&pattern, &StencilConfig::default()).unwrap();
+    let mut read = Vec::new();
+    for name in HalfName::BOTH {
+        let mesh = stencil.placed_half(name, 0.0);
+        let seen = seen(&mesh);
+        for number in &stencil.half(name).numbers {
+            if ![2, 3, 5].contains(&number.dot) {
+                continue;
+            }
+            let own = |v: Vec3| match name {
+                HalfName::A => v,
+                HalfName::B => Vec3::new(v.x, -v.y, -v.z),
+            };
+            let d = number.direction;
+            let up = (Vec3::z() - d.z * d).normalize();
+            let right = up.cross(&d);
+            let radius = stencil.config().outer_radius_mm();
+            let is_engraved = |side: f64| {
+                let off = number.height_mm * (0.2 * up + side * right);
+                let p = (radius * d + off).normalize();
+                let start = stencil.config().inner_radius_mm() + 0.5;
+                start + first_hit(&mesh, &seen, &own(start * p), &own(p)) < radius - 0.2
+            };
+            let sides = (-12..=12).map(|k| f64::from(k) * 0.03);
+            let engraved: Vec<f64> = sides.filter(|side| is_engraved(*side)).collect();
+            let middle = engraved.iter().sum::<f64>() / engraved.len() as f64;
+            read.push((number.dot, middle));
+        }
+    }
+    read.sort_by_key(|(dot, _)| *dot);
+    let dots: Vec<usize> = read.iter().map(|(dot, _)| *dot).collect();
+    assert_eq!(dots, [2, 3, 5]);
+    let is_right = |(dot, middle): &(usize, f64)| match dot {
+        5 => *middle < -0.05,
+        _ => *middle > 0.05,
+    };
+    assert!(read.iter().all(is_right), "{read:?}");
+}
+
 fn write_pattern(dir: &Path) -> Pattern {
     let pattern = random_pattern(12, 25.0, 3);
     pattern.write_csv(&dir.join("pattern.csv")).unwrap();
