@@ -127,7 +127,8 @@ fn the_tutorial_prints_what_it_shows() {
 fn help_of(arguments: &[&str]) -> String {
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_spindoe"))
         .args(arguments)
-        .env_remove("COLUMNS")
+        // As wide as a terminal, and as a page shows without cutting a line.
+        .env("COLUMNS", "80")
         .output()
         .unwrap();
     String::from_utf8(output.stdout)
