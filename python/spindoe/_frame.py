@@ -245,7 +245,7 @@ class BallView:
 
     @property
     def horizon(self) -> float:
-        """Minimum z, towards the camera, of a point in sight."""
+        """Minimum z, towards the camera, of a visible point."""
         return self._handle.horizon()
 
     def as_rotation(self) -> Rotation:

@@ -95,7 +95,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Search a pattern, and write its table, stencil and page.
+    /// Search a pattern, and write its table, stencil and report.
     Design(Box<design::Arguments>),
     /// Find the pattern for a camera, and what would improve the camera.
     #[cfg(feature = "vision")]
@@ -121,9 +121,9 @@ enum Command {
     Synth(Box<synth::Arguments>),
     /// Make the hash table of a pattern, a NumPy archive.
     Table(table::Arguments),
-    /// Make one design of the shards that several machines searched.
+    /// Merge the shards of a search on several machines to one design.
     Merge(merge::Arguments),
-    /// Make the page of a design's or a calibration's folder anew.
+    /// Write the report of a design or a calibration again.
     Report(report::Arguments),
     /// Print the completions of a shell.
     Completions(shell::CompletionArguments),
