@@ -40,7 +40,7 @@ images are mirrored: frames of another ball are identified by accident now and t
 Rejected frames are listed on standard error with the reason, and in --json.
 
 Examples:
-  spindoe estimate --table a.npz --table b.npz --balls auto clip.mp4 -o balls.csv
+  spindoe estimate --table a.npz --table b.npz --balls auto clip.mp4 -o b.csv
   spindoe estimate --table table.npz --strobe-ms 0,0.9,2.1 --golf exposures/
   spindoe estimate --table table.npz crops/ -o orientations.csv --overlay seen/
   ffmpeg -i CAMERA -f rawvideo -pix_fmt gray - |
