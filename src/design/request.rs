@@ -161,7 +161,7 @@ impl DesignRequest {
         let protocols = self.protocols()?;
         let views: Vec<ViewModel> = protocols.iter().map(|p| *p.view()).collect();
         let name = self.objective.unwrap_or(ObjectiveName::for_dots(dots));
-        let config = DesignConfig {
+        let mut config = DesignConfig {
             dots,
             seed: self.seed,
             starts: self.starts,
@@ -174,7 +174,7 @@ impl DesignRequest {
             protocols,
             recognizer: self.recognizer,
             constraints: self.constraints(dots),
-            objective: Objective::for_views(name, &views, dots)?,
+            objective: Objective::for_views(name, &[], dots)?,
             bound_weight: self.bound_weight,
             bound_goal: self.bound_goal(dots)?,
             basis_weight: self.basis_weight,
@@ -187,6 +187,8 @@ impl DesignRequest {
         self.check_holes(dots)?;
         self.check_added(&config.constraints)?;
         config.check()?;
+        // Last: it takes thousands of trials.
+        config.objective = Objective::for_views(name, &views, dots)?;
         Ok(config)
     }
 

@@ -9,7 +9,7 @@ use spindoe::pattern::shipped_designs;
 use spindoe::synth::sensor::Sensor;
 use spindoe::synth::{Scene, SynthConfig, dataset::frame_rng};
 
-use crate::common::{done, random_pattern, spindoe};
+use crate::common::{done, few_or_all, random_pattern, spindoe};
 
 /// The default camera in a dark room.
 fn in_the_dark() -> CameraConditions {
@@ -69,7 +69,9 @@ fn a_small_ball_is_less_exact_and_a_blurred_one_answered_less_often() {
     let designs = shipped_designs().unwrap();
     let rates = |conditions: &CameraConditions| {
         let trials = CameraTrials::new(*conditions, 5);
-        let outcomes = trials.frames(&designs[2].pattern, 0..160, &|_| ()).unwrap();
+        let outcomes = trials
+            .frames(&designs[2].pattern, 0..few_or_all(80, 160) as u64, &|_| ())
+            .unwrap();
         FrameRates::of(&outcomes, 5)
     };
     let usual = in_the_dark();
@@ -156,6 +158,7 @@ fn spins_of_sequences_come_with_their_errors() {
 #[test]
 fn the_command_advises_and_names_what_it_cannot_use() {
     let dir = tempfile::tempdir().unwrap();
+    let frames = few_or_all(40, 100);
     std::fs::write(
         dir.path().join("camera.toml"),
         "ball_px = 45\nrps = [10, 60]\n",
@@ -170,7 +173,7 @@ fn the_command_advises_and_names_what_it_cannot_use() {
             "--exposure-ms",
             "0.2",
             "--samples",
-            "100",
+            &frames.to_string(),
             "--config",
             "sequences=4",
             "--json",
@@ -185,7 +188,7 @@ fn the_command_advises_and_names_what_it_cannot_use() {
     let patterns = advice["patterns"].as_array().unwrap();
     let (stayed, left): (Vec<_>, Vec<_>) = patterns.iter().partition(|p| p["left"] == false);
     for (k, pattern) in stayed.iter().enumerate() {
-        assert_eq!(pattern["frames"]["right"]["trials"], 50);
+        assert_eq!(pattern["frames"]["right"]["trials"], frames / 2);
         assert!(pattern["spin"].is_object());
         assert_eq!(pattern["error_ratio"].is_null(), k == 0, "{pattern}");
     }
@@ -193,7 +196,7 @@ fn the_command_advises_and_names_what_it_cannot_use() {
     assert!(left.iter().all(|p| p["spin"].is_null()));
     // The changes are tried on the scenes of the best pattern.
     for change in advice["changes"].as_array().unwrap() {
-        assert_eq!(change["frames"]["right"]["trials"], 50);
+        assert_eq!(change["frames"]["right"]["trials"], frames / 2);
         let ratio = &change["error_ratio"];
         let [low, high] = ["low", "high"].map(|end| ratio[end].as_f64().unwrap());
         assert!(
@@ -318,7 +321,11 @@ fn sensitivity_and_simulation_take_a_camera() {
         "--camera",
         "camera.toml",
     ];
-    let words = done(at, &[&swept[..], &["--samples", "40", "--json"]].concat());
+    let frames = few_or_all(12, 40).to_string();
+    let words = done(
+        at,
+        &[&swept[..], &["--samples", &frames, "--json"]].concat(),
+    );
     let points: serde_json::Value = serde_json::from_str(&words).unwrap();
     let points = points["points"].as_array().unwrap();
     let value = |p: &serde_json::Value| (p["parameter"].to_string(), p["value"].as_f64().unwrap());

@@ -218,7 +218,7 @@ fn pages_are_used_in_a_browser() {
     };
     let words = String::from_utf8_lossy(&checked.stdout).into_owned();
     if checked.status.code() == Some(SKIPPED) {
-        return crate::common::skipped(&words);
+        return crate::common::skipped_browser(&words);
     }
     let errors = String::from_utf8_lossy(&checked.stderr);
     assert!(checked.status.success(), "{words}\n{errors}");

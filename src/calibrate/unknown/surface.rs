@@ -228,6 +228,7 @@ fn near(tree: &Tree, direction: &Vec3, within: f64, mut take: impl FnMut(usize))
     let query = tree.query(&point);
     let found = query
         .within::<SquaredEuclidean<f64>>(chord * chord)
+        .unsorted()
         .execute();
     found.iter().for_each(|n| take(n.item as usize));
 }

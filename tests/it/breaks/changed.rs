@@ -11,7 +11,10 @@ use spindoe::vision::Calibration;
 
 /// Changed files of each kind; `SPINDOE_CHANGED=10000` tries more.
 fn count() -> u64 {
-    super::setting("SPINDOE_CHANGED", 1000)
+    super::setting(
+        "SPINDOE_CHANGED",
+        crate::common::few_or_all(200, 1000) as u64,
+    )
 }
 
 /// A few bytes changed, left out, put in, or the end cut off.

@@ -59,7 +59,7 @@ pub fn worst(built: &Pattern, truth: &Pattern) -> Option<f64> {
 
 #[test]
 fn patterns_are_built_from_clips_alone() {
-    for seed in 0..4 {
+    for seed in 0..crate::common::few_or_all(2, 4) as u64 {
         let truth = crate::common::random_pattern(16 + 2 * seed as usize, 50 + seed);
         let clip = ClipConfig {
             frames: 160,

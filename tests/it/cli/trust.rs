@@ -216,7 +216,7 @@ fn links_and_pipes_are_written_through() {
 }
 
 /// A design of a second or two.
-const QUICK: [&str; 13] = [
+const QUICK: [&str; 15] = [
     "design",
     "--dots",
     "8",
@@ -230,6 +230,9 @@ const QUICK: [&str; 13] = [
     "min_separation_deg=30",
     "--config",
     "min_visible=1",
+    // Its objective takes no trials.
+    "--protocol",
+    "sparse",
 ];
 
 #[test]

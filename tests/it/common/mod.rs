@@ -21,6 +21,23 @@ pub fn skipped(why: &str) {
     say_skipped(why);
 }
 
+/// The same of a browser, which `SPINDOE_REQUIRE_ALL=no-browser` does not ask for.
+#[allow(dead_code)]
+pub fn skipped_browser(why: &str) {
+    if std::env::var_os("SPINDOE_REQUIRE_ALL").is_some_and(|all| all == "no-browser") {
+        return say_skipped(why);
+    }
+    skipped(why);
+}
+
+/// How many of a thing a test takes: at each change the few that decide, and all of them beside the slow tests
+/// (`cargo test -- --include-ignored`).
+#[allow(dead_code)]
+pub fn few_or_all(few: usize, all: usize) -> usize {
+    let is_slow = std::env::args().any(|a| a == "--include-ignored");
+    if is_slow { all } else { few }
+}
+
 /// Whether ffmpeg is there; says that a test is skipped where it is not.
 #[allow(dead_code)]
 pub fn has_ffmpeg() -> bool {

@@ -348,7 +348,7 @@ fn a_stopped_search_keeps_its_best() {
         ..small(1)
     };
     // Wherever the stop comes: while scouting, climbing, trying.
-    for left in 8..20 {
+    for left in (8..20).step_by(crate::common::few_or_all(3, 1)) {
         stop.store(false, Ordering::Relaxed);
         let mut stopper = Stopper { left, stop: &stop };
         let found = design(&config, &mut SearchState::default(), &stop, &mut stopper).unwrap();

@@ -52,7 +52,7 @@ fn a_warm_detector_does_not_allocate() {
 #[test]
 fn a_warm_estimator_does_not_allocate() {
     let pattern = crate::common::random_pattern(20, 5);
-    let color = frames(120);
+    let color = frames(crate::common::few_or_all(40, 120));
     let gray: Vec<GrayImage> = color.iter().map(RgbImage::to_gray).collect();
     for name in DetectorName::ALL {
         let detector = name.build().unwrap();
