@@ -29,6 +29,7 @@ def run(*words):
 
 def stencil(spindoe, _):
     run(spindoe, "stencil", PATTERN, "-o", "stencils/dots20", "--overwrite")
+    run(spindoe, "stencil", "dots40", "-o", "stencils/dots40", "--overwrite")
     shutil.copy("stencils/dots20/stencil.png", "docs/stencil.png")
 
 

@@ -124,8 +124,8 @@ class Balls:
         max_rps: float = 175.0,
     ) -> list[list[BallEstimate]]:
         """The balls of every frame of a sequence; each keeps its number. Times are in seconds, increasing. Balls that are
-        missing in a frame are looked for where the frames about it lead. A pose by another table than all frames of its ball
-        speak for is taken back."""
+        missing in a frame are searched where the neighboring frames predict them. A pose by another table than that of all
+        frames of its ball together is removed."""
         frames, order = frames_of(images, color)
         self.estimators[0]._check(frames)
         times = [float(t) for t in floats("times_s", times_s)]

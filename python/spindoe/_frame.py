@@ -43,7 +43,7 @@ def _size(name: str, given: tuple[int, int]) -> tuple[int, int]:
 
 @functools.lru_cache(maxsize=64)
 def _size_doubt(kind: str, numbers: tuple[float, ...], width: int, height: int) -> str | None:
-    """What speaks against intrinsics being those of images of this size."""
+    """What contradicts intrinsics being those of images of this size."""
     return _native.size_doubt((kind, numbers), (width, height))
 
 
@@ -245,7 +245,7 @@ class BallView:
 
     @property
     def horizon(self) -> float:
-        """Minimum z, towards the camera, of a point in sight."""
+        """Minimum z, towards the camera, of a visible point."""
         return self._handle.horizon()
 
     def as_rotation(self) -> Rotation:

@@ -106,11 +106,11 @@ class Spin:
     inlier_probabilities: Floats = field(default_factory=lambda: np.zeros(0))
     """Of each orientation, in order of time; empty where it is not known."""
     aliases: tuple[Alias, ...] = ()
-    """Other spins that the sampling cannot tell apart, the likeliest first."""
+    """Other spins that give the same orientations at these times, the likeliest first."""
     frame: Frame = "camera"
-    """The frame of all that is said of the spin; `as_frame` gives it in other axes."""
+    """The frame of the spin and of all its vectors; `as_frame` gives them in other axes."""
     model: Literal["constant", "decaying", "precessing", "free"] = "constant"
-    """The motion: by evidence, unless one was asked for."""
+    """The motion: by evidence, unless one was given."""
     decay_per_s: float = 0.0
     """The rate ``c`` at which the spin decays."""
     body_rate_rad_s: Floats = field(default_factory=lambda: np.zeros(3))

@@ -66,7 +66,7 @@ class StencilSettings(TypedDict, total=False):
     segments: int
     """Pieces of a half, cut along meridians, for beds that are too small; 1."""
     chord_error_mm: float
-    """Maximum distance of a facet from the surface that it stands for; 0.02."""
+    """Maximum distance of a facet from the surface that it approximates; 0.02."""
 
 
 class Stencil:

@@ -40,7 +40,7 @@ class CircleSettings(TypedDict, total=False):
     """What is accepted as a ball."""
 
     min_radius_px: float
-    """Minimum radius, pixels; 8. Where no ball is found in a small image, smaller ones are looked for, down to five eighths of that."""
+    """Minimum radius, pixels; 8. Where no ball is found in a small image, smaller ones are searched, down to five eighths of that."""
     max_radius: float
     """Largest radius as a multiple of the image's longer side; 0.75."""
     min_support: float

@@ -1,5 +1,5 @@
 """Drop-in for the classes of the SpinDOE authors' Python: the same names, arguments and order of the
-results, this package's estimators beneath.
+results, with this package's estimators.
 
 In scripts of theirs change the imports::
 

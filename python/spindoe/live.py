@@ -86,7 +86,7 @@ def draw(
 ) -> NDArray[np.uint8]:
     """Draws what is known of a frame onto a copy of it: the outline green, identified detections blue with their
     numbers, others red; crosses, yellow, where the orientation expects the pattern's dots; the pattern's axes x, y, z in
-    red, green, blue; the spin's axis as an arrow. The numbers stand in lines beneath.
+    red, green, blue; the spin's axis as an arrow. The numbers are in lines below.
 
     Args:
         image: The image, as in `Tracker.update`.

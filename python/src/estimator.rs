@@ -802,7 +802,7 @@ impl BallView {
         ))
     }
 
-    /// Minimum z of a point in sight, view frame.
+    /// Minimum z of a visible point, view frame.
     fn horizon(&self) -> f64 {
         self.0.horizon()
     }

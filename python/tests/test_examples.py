@@ -57,6 +57,18 @@ def test_tutorial_3_from_a_clip_to_a_spin(tmp_path):
     assert matplotlib.image.imread(plot).std() > 0.01
 
 
+def test_the_readme_reads_a_clip(tmp_path):
+    """Its lines run in a folder with the sample, and print the spin that stands beside them."""
+    block = (ROOT / "README.md").read_text().split("```python\n")[1].split("```")[0]
+    for arguments in (["-m", "spindoe", "synth"], ["-c", block]):
+        done = subprocess.run(
+            [sys.executable, *arguments], capture_output=True, text=True, check=False, cwd=tmp_path, env=_python_path()
+        )
+        assert done.returncode == 0, done.stderr
+    shown = block.splitlines()[-1].split("#")[1].strip()
+    assert shown in done.stdout
+
+
 def test_a_clip_is_played():
     said = run("play_clip.py", TABLE, "--frames", 40, "--fps", 100)
     assert "latency p50" in said and "40 frames of" in said

@@ -61,7 +61,7 @@ fn template(cli: &Command, levels: usize) -> String {
             );
         }
     }
-    text += "\nOptions:\n{options}\n\n`spindoe help COMMAND` explains a command, `spindoe help --all` lists those for scripts too.\n";
+    text += "\nOptions:\n{options}\n\n`spindoe help COMMAND` explains a command,\n`spindoe help --all` lists those for scripts too.\n";
     text
 }
 

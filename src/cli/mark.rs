@@ -21,11 +21,11 @@ use crate::pattern::Pattern;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  spindoe mark pattern.csv --as gores -o lobes.pdf --paper letter
-  spindoe mark pattern.csv --as gores -o lobes.dxf --lobes 24
-  spindoe mark pattern.csv --as stickers -o stickers.pdf --ball-diameter-mm 220 --dot-diameter-mm 18
-  spindoe mark pattern.csv --as plotter -o egg.svg
-  spindoe mark pattern.csv --as plotter -o ball.gcode --config pen_diameter_mm=0.8")]
+  spindoe mark dots20 --as gores -o lobes.pdf --paper letter
+  spindoe mark dots20 --as gores -o lobes.dxf --lobes 24
+  spindoe mark dots20 --as stickers -o stickers.pdf --ball-diameter-mm 220
+  spindoe mark dots20 --as plotter -o egg.svg
+  spindoe mark dots20 --as plotter -o ball.gcode --config pen_diameter_mm=0.8")]
 pub struct Arguments {
     #[command(flatten)]
     pattern: PatternSource,

@@ -95,17 +95,17 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Search a pattern and leave all that it takes to use it: table, stencil, page.
+    /// Search a pattern, and write its table, stencil and report.
     Design(Box<design::Arguments>),
-    /// Say which pattern a camera identifies best, how well, and what to change of the camera.
+    /// Find the pattern for a camera, and what would improve the camera.
     #[cfg(feature = "vision")]
     Advise(Box<advise::Arguments>),
-    /// Make the stencil that draws a pattern on a ball: two printable halves.
+    /// Make a printable stencil that draws a pattern on a ball.
     Stencil(Box<stencil::Arguments>),
-    /// Mark a pattern on a ball without a stencil: paper lobes, stickers, files for plotters.
+    /// Make paper lobes, stickers or plotter files of a pattern.
     #[cfg(feature = "mark")]
     Mark(Box<mark::Arguments>),
-    /// Measure a ball's dots as they were really drawn, from a clip of it.
+    /// Measure a ball's dots as they were drawn, from a clip of it.
     #[cfg(feature = "vision")]
     Calibrate(Box<calibrate::Arguments>),
     /// Estimate orientations and the spin from images or videos.
@@ -113,17 +113,17 @@ enum Command {
     Estimate(Box<estimate::Arguments>),
     /// Estimate the spin from time-stamped orientations.
     Spin(Box<spin::Arguments>),
-    /// Measure how often patterns are identified correctly: one, several side by side, or a sweep.
+    /// Measure how often patterns are identified correctly.
     Validate(Box<validate::Arguments>),
-    /// Identify dots that are given as directions, and estimate the orientation.
+    /// Identify dots given as directions, and estimate the orientation.
     Identify(Box<identify::Arguments>),
-    /// Make images, a clip, dots or orientations of a ball, with exact truth.
+    /// Make images, a clip, dots or orientations, with exact truth.
     Synth(Box<synth::Arguments>),
     /// Make the hash table of a pattern, a NumPy archive.
     Table(table::Arguments),
-    /// Make one design of the shards that several machines searched.
+    /// Merge the shards of a search on several machines to one design.
     Merge(merge::Arguments),
-    /// Make the page of a design's or a calibration's folder anew.
+    /// Write the report of a design or a calibration again.
     Report(report::Arguments),
     /// Print the completions of a shell.
     Completions(shell::CompletionArguments),

@@ -59,7 +59,7 @@ impl Pipe {
         let dropped = self.grabber.dropped();
         if dropped > 0 {
             errln!(
-                "{}: warning: {dropped} of {} frames came faster than they can be looked at, and were dropped",
+                "{}: warning: {dropped} of {} frames came faster than they can be processed, and were dropped",
                 self.name.display(),
                 taken + dropped
             );

@@ -53,7 +53,7 @@ pub struct Arguments {
     /// How the spin is estimated.
     #[arg(long, value_enum, default_value = "robust")]
     method: Method,
-    /// Frames per second, for rows at equal intervals: their times in the file are passed over.
+    /// Frames per second, for rows at equal intervals: the times in the file are ignored.
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     fps: Option<f64>,
     /// The axes that the spin is written in: camera, x right, y up, z towards the camera;

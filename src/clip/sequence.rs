@@ -385,7 +385,7 @@ pub(crate) fn predict(
     around: &[Measurement],
     time_s: f64,
 ) -> Hint {
-    // The fit is best known amid its frames; from there its error grows with the spin's.
+    // The fit is best known in the middle of its frames; from there its error grows with the spin's.
     let middle = around.iter().map(|m| m.time_s).sum::<f64>() / around.len().max(1) as f64;
     let elapsed = time_s - middle;
     let own = fit

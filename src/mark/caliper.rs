@@ -161,7 +161,7 @@ impl Caliper {
                 self.worst_dot,
             ),
             format!(
-                "Set it to {exact:.2} mm for places within {:.2} mm, a tenth of a dot.",
+                "Measure to {exact:.2} mm to place dots within {:.2} mm, a tenth of a dot.",
                 GOOD * dot_diameter_mm,
             ),
         ]

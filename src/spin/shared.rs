@@ -33,7 +33,7 @@ const MAX_FRAMES: usize = 128;
 /// An orientation's shared error over that of a dot: some eight dots are seen, and the residuals of
 /// their fit are smaller than their errors. Measured on rendered sequences (`bench spin-coverage`).
 const SHARED: f64 = 0.5;
-/// Over this angle the dots in sight, and with them the shared error, change.
+/// Over this angle the visible dots, and with them the shared error, change.
 const CORRELATION_RAD: f64 = 0.7;
 /// Deviation of the angle between an unknown optical axis and the ball, along either image axis, radians.
 const OFF_AXIS_RAD: f64 = 0.15;

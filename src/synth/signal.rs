@@ -43,7 +43,7 @@ pub struct BallSignal {
     pub rotation: Rotation,
     /// The circle nearest to the outline.
     pub circle: BallCircle,
-    /// The dots on the part of the ball in sight, hidden or not.
+    /// The dots on the visible part of the ball, hidden or not.
     pub dots: Vec<DotSignal>,
 }
 

@@ -11,7 +11,7 @@
 //! - the half axis along that direction is `f sin(alpha) cos(alpha) / q`,
 //! - the one across is `f sin(alpha) / sqrt(q)`, with `q = cos(theta)^2 - sin(alpha)^2`.
 //!
-//! A point `n` of the sphere (unit vector from its center) is in sight where `n . e > 1 / D`, `e`
+//! A point `n` of the sphere (unit vector from its center) is visible where `n . e > 1 / D`, `e`
 //! the unit vector from the ball's center to the camera.
 //!
 //! This module shares no code with [`crate::vision::optics::camera`], which is measured on its images.

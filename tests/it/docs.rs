@@ -1,4 +1,4 @@
-//! The documents: every command that they show is understood, and the tutorial prints what it shows.
+//! The documents: every command that they show is understood, and the tutorial and guides print what they show.
 
 use std::path::{Path, PathBuf};
 
@@ -86,22 +86,32 @@ fn without_times(text: &str) -> Vec<String> {
         .collect()
 }
 
+/// The blocks of indented lines of a document; what a command prints is the block behind it.
+#[cfg(all(feature = "vision", feature = "plot"))]
+fn blocks(text: &str) -> Vec<String> {
+    let mut blocks: Vec<String> = Vec::new();
+    let (mut is_open, mut is_fenced) = (false, false);
+    for line in text.lines() {
+        if line.starts_with("```") {
+            is_fenced = !is_fenced;
+        }
+        let indented = line.strip_prefix("    ").filter(|_| !is_fenced);
+        match indented {
+            Some(line) if is_open => *blocks.last_mut().unwrap() += &format!("\n{line}"),
+            Some(line) => blocks.push(line.to_owned()),
+            None => {}
+        }
+        is_open = indented.is_some();
+    }
+    blocks
+}
+
 #[cfg(all(feature = "vision", feature = "plot"))]
 #[test]
 fn the_tutorial_prints_what_it_shows() {
     let dir = tempfile::tempdir().unwrap();
     let text = std::fs::read_to_string(root().join("docs/tutorial.md")).unwrap();
-    // Blocks of indented lines; what a command prints is the next block.
-    let mut blocks: Vec<String> = Vec::new();
-    let mut is_open = false;
-    for line in text.lines() {
-        match line.strip_prefix("    ") {
-            Some(line) if is_open => *blocks.last_mut().unwrap() += &format!("\n{line}"),
-            Some(line) => blocks.push(line.to_owned()),
-            None => {}
-        }
-        is_open = line.starts_with("    ");
-    }
+    let blocks = blocks(&text);
     let mut compared = 0;
     for pair in blocks.windows(2) {
         let is_command = |block: &String| block.starts_with("spindoe ");
@@ -122,12 +132,54 @@ fn the_tutorial_prints_what_it_shows() {
     assert!(compared >= 4, "{compared}");
 }
 
+/// A text as one line, however its lines are broken.
+#[cfg(all(feature = "vision", feature = "plot"))]
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Guides show a part of what is printed, in lines that a page has room for.
+#[cfg(all(feature = "vision", feature = "plot"))]
+#[test]
+fn guides_show_what_their_commands_print() {
+    let mut compared = 0;
+    for name in ["recognizer", "several-balls", "painted"] {
+        let dir = tempfile::tempdir().unwrap();
+        let path = root().join(format!("docs/{name}.md"));
+        let text = std::fs::read_to_string(&path).unwrap();
+        let blocks = blocks(&text.replace("\\\n", " "));
+        for pair in blocks.windows(2) {
+            if pair[0].starts_with('{') {
+                std::fs::write(dir.path().join(format!("{name}.json")), &pair[0]).unwrap();
+            }
+            let run: Vec<Vec<String>> = pair[0].lines().flat_map(commands).collect();
+            let is_output = !pair[1].starts_with('{') && commands(&pair[1]).is_empty();
+            if run.is_empty() || !is_output {
+                continue;
+            }
+            let mut printed = String::new();
+            for words in &run {
+                let words: Vec<&str> = words.iter().map(String::as_str).collect();
+                let output = spindoe(dir.path(), &[&words[..], &["-q"]].concat());
+                for said in [&output.stdout, &output.stderr] {
+                    printed += &format!(" {}", one_line(&String::from_utf8_lossy(said)));
+                }
+            }
+            let shown = one_line(&pair[1]);
+            assert!(printed.contains(&shown), "{name}: {shown}: {printed}");
+            compared += 1;
+        }
+    }
+    assert_eq!(compared, 3);
+}
+
 /// The commands of `spindoe help --all`, in its order.
 #[cfg(all(feature = "vision", feature = "mark", feature = "plot"))]
 fn help_of(arguments: &[&str]) -> String {
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_spindoe"))
         .args(arguments)
-        .env_remove("COLUMNS")
+        // As wide as a terminal, and as a page shows without cutting a line.
+        .env("COLUMNS", "80")
         .output()
         .unwrap();
     String::from_utf8(output.stdout)

@@ -11,7 +11,7 @@ use crate::view::{DotUncertainty, ObservedDot, ViewModel};
 /// on the ball.
 const DRAWN_SIGMA_RAD: f64 = 0.03;
 const MIN_AGREEING: f64 = 0.8;
-/// A visibility limit under which all dots are in sight.
+/// A visibility limit under which all dots are visible.
 const EVERYWHERE: f64 = -0.99;
 
 /// Which of these designs a built pattern is: its position, where all but a few of the dots of both agree.

@@ -100,7 +100,7 @@ pub enum UnknownRejection {
     },
     /// A part of the ball was not shown.
     #[error(
-        "too static a clip: {:.2} % of the ball hardly face the camera, or something covers it; turn it about another axis as \
+        "too static a clip: {:.1} % of the ball was hardly seen, or something covers it; turn it about another axis as \
          well, and move your fingers", 100.0 * blind
     )]
     NotCovered {
@@ -177,9 +177,9 @@ pub enum UnknownRejection {
         /// The largest standard deviation of a dot's place, radians.
         sigma_rad: f64,
     },
-    /// Nothing tells what a dot looks like.
+    /// Nothing shows what a dot looks like.
     #[error(
-        "too few dark discs are on the ball to tell what a dot looks like: draw the dots round, filled and alike"
+        "too few dark discs are on the ball to learn what a dot looks like: draw the dots round, filled and alike"
     )]
     NoDots,
     /// The clip is not the ball that it has given.

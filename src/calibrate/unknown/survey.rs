@@ -10,7 +10,7 @@ use crate::geometry::{Vec3, angle_between};
 const TRIED: usize = 16;
 /// Radius of a hole, radians.
 const HOLE: f64 = 0.4;
-/// What is turned away so far, as the cosine of its angle to the camera, is behind the ball; what is turned to it so far, in sight.
+/// What is turned away so far, as the cosine of its angle to the camera, is behind the ball; what is turned to it so far, visible.
 const BEHIND: f64 = -0.75;
 const IN_SIGHT: f64 = 0.2;
 
@@ -161,7 +161,7 @@ impl Side {
             Self::Top => "beyond the upper edge of the ball",
             Self::Bottom => "beyond the lower edge of the ball",
             Self::Behind => "on the far side of the ball",
-            Self::InSight => "in sight, but covered or shown too briefly",
+            Self::InSight => "visible, but covered or shown too briefly",
         }
     }
 }

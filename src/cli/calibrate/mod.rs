@@ -31,8 +31,8 @@ Film the ball while you turn it slowly, once about one axis and once about anoth
 the camera for a while: 60 frames or more, sharp, with the ball 60 pixels wide or wider.
 
 The folder holds pattern.csv and table.npz of the ball as it is drawn (give the table to estimate, identify
-and validate as any other), report.html to look at, report.json, and the offsets of the dots as a table and a
-picture.
+and validate as any other), report.html to view and share, report.json, and the offsets of the dots as a table
+and a picture.
 
 Dots that are never found where they should be are left out; steady marks that the pattern lacks are reported
 and, with --learn-extra, taken in. Where --table is given several times, the one that fits best is taken.
@@ -40,8 +40,9 @@ and, with --learn-extra, taken in. Where --table is given several times, the one
 Without --table, marks.png in the folder shows the ball's surface with all marks numbered. Where marks are in
 doubt, or another number of dots was found than the ball has, say with --marks which of them are the dots.
 
-Example:
-  spindoe calibrate --table table.npz clip.mp4 -o my-ball")]
+Examples:
+  spindoe calibrate --table table.npz clip.mp4 -o my-ball
+  spindoe calibrate clip.mp4 --dots 18 -o my-ball")]
 pub struct Arguments {
     /// Images, folders of images, or videos of one ball.
     #[arg(value_name = "CLIP_OR_FOLDER", required = true)]
@@ -53,19 +54,19 @@ pub struct Arguments {
     /// Build the pattern from the clip also where --table is given, and say which of these designs it is.
     #[arg(hide = true, long)]
     unknown: bool,
-    /// Look at the frames of a pipe (- is standard input) while the ball is filmed, say what of it is shown and what is
-    /// missing, and end when all of it is. Without --fps a frame's time is that of its arrival.
+    /// Read the frames of a pipe (- is standard input) while the ball is filmed, say which part of it is
+    /// missing, and end when all of it was shown. Without --fps a frame's time is that of its arrival.
     #[arg(long, conflicts_with_all = ["table", "times"])]
     live: bool,
     /// The pipe holds raw video of this size, 8 bits a channel: gray, rgb or bgr [default: image files one after
     /// another, PNG, JPEG, PGM or PPM].
     #[arg(long, value_name = "WxH,PIXEL", value_parser = crate::cli::pipe::pipe_format, requires = "live")]
     raw: Option<PipeFormat>,
-    /// Number of dots on the ball, where it is known: another number is refused.
+    /// Number of dots on the ball, if you know it; another number is refused.
     #[arg(long, value_name = "N", value_parser = dots_number)]
     dots: Option<usize>,
-    /// Which marks of a ball without a table are its dots, by the numbers in the marks.png of the folder that an earlier run
-    /// on this clip has left there: `0-17,19`.
+    /// Which marks of a ball without a table are its dots, by their numbers in marks.png, which an earlier run
+    /// on this clip left in the folder: `0-17,19`.
     #[arg(long, value_name = "NUMBERS", value_parser = str::parse::<MarkNumbers>, conflicts_with_all = ["table", "live"])]
     marks: Option<MarkNumbers>,
     /// The folder to write to.
@@ -74,7 +75,7 @@ pub struct Arguments {
     /// Replace a calibration that the folder holds already, with all its files.
     #[arg(long)]
     overwrite: bool,
-    /// Take steady marks that the pattern lacks into it.
+    /// Add steady marks that the pattern lacks to it.
     #[arg(long, requires = "table")]
     learn_extra: bool,
     /// Expected error of a drawn dot per tangent axis, degrees.

@@ -50,13 +50,13 @@ Examples:
   spindoe design old.csv --keep-out 0,0,1,25 -o with-logo
   spindoe design my-ball --add 4 -o my-ball-and-4
   spindoe design --camera camera.toml -o for-my-camera
-  spindoe design --protocol image --ball-px 40 --config pixel_noise=0.7 -o small-in-the-image")]
+  spindoe design --protocol image --ball-px 40 --config pixel_noise=0.7 -o small")]
 pub struct Arguments {
     /// Improve this pattern (a shipped one by its name, a CSV, a table, or a folder) instead of starting at random.
     #[arg(value_name = "PATTERN", conflicts_with = "dots")]
     pub(super) pattern: Option<PathBuf>,
-    /// Add so many dots to those of PATTERN, a ball that is drawn already (the folder of its calibration): its dots stay
-    /// exactly where they are. Rates are then of right orientations, of all views.
+    /// Add K dots to those of PATTERN, a ball that is already drawn (the folder of its calibration): its dots
+    /// stay exactly where they are. Rates are then of correct orientations, of all views.
     #[arg(long, value_name = "K", requires = "pattern")]
     pub(super) add: Option<NonZero<usize>>,
     /// Number of dots, 4 to 64 [default: 20; with --camera the best of a few numbers].
@@ -153,8 +153,8 @@ pub struct Arguments {
     /// number of dots leaves room for].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub(super) dot_diameter_mm: Option<f64>,
-    /// Diameter of the ball in the camera's image, pixels; sets the noise of --protocol image, and
-    /// tells whether the dots are too small to be detected.
+    /// Diameter of the ball in the camera's image, pixels; sets the noise of --protocol image, and shows
+    /// whether the dots are too small to be detected.
     #[arg(
         long,
         value_name = "PX",
@@ -181,8 +181,8 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     blur: f64,
-    /// The camera that the pattern is for, as for `spindoe advise`: it chooses the number of dots where
-    /// --dots is not given, and ranks the finalists by what it would see of them. That takes some 4 minutes of CPU.
+    /// The camera that the pattern is for, as for `spindoe advise`: it chooses the number of dots where --dots
+    /// is not given, and ranks the finalists on rendered frames. That takes some 4 minutes of one core.
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "dark|any|CAMERA.toml")]
     pub(super) camera: Option<CameraSource>,

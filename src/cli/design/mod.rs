@@ -28,11 +28,9 @@ pub(super) const STOPPING: &str = "stopping: what was found is evaluated and wri
                                    Ctrl-C again quits at once and keeps the search for --resume";
 /// The answer where a part of a search is asked for, or several.
 const STOPPING_SHARD: &str = "stopping: the search is kept for --resume once its work in hand is done; Ctrl-C again quits at once";
-/// What more dots give, of 5 000 rendered frames with any background (README, "How well it works").
-const MORE_DOTS: &str = "More dots serve most cameras better, where you can draw them: of rendered frames with any background \
-                         dots40 answers 94.1 % right, dots20 87.9 %. `spindoe advise` says it of your camera.";
-/// Most dots of a design of which that is said.
-const FEW_DOTS: usize = 24;
+/// Which number of dots suits which camera (docs/camera.md, "How many dots?").
+const NUMBER_OF_DOTS: &str = "20 dots: readable from 40 pixels before a dark background; --dots 40: any background from 50 pixels. \
+                              `spindoe advise` says it for your camera; `spindoe stencil dots40 -o DIR` needs no search.";
 /// The default folder's name; a number is added where it is taken.
 const FOLDER: &str = "spindoe-design";
 
@@ -94,6 +92,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
+/// Which number of dots suits which camera, where none was chosen.
+fn number_of_dots(arguments: &Arguments) -> Option<&'static str> {
+    #[cfg(feature = "vision")]
+    let has_camera = arguments.camera.is_some();
+    #[cfg(not(feature = "vision"))]
+    let has_camera = false;
+    let is_chosen = arguments.dots.is_some() || arguments.pattern.is_some() || has_camera;
+    (!is_chosen && arguments.shard.is_none() && !arguments.json).then_some(NUMBER_OF_DOTS)
+}
+
 /// What was left, and what to do with the folder.
 fn print_next(arguments: &Arguments, job: &DesignJob, found: &DesignEvaluation) {
     let dir = quoted(&job.dir.to_string_lossy());
@@ -101,14 +109,6 @@ fn print_next(arguments: &Arguments, job: &DesignJob, found: &DesignEvaluation) 
     if report.stopped {
         let resume = arguments.resume_command(job);
         errln!("The search was cut short; this continues it: {resume}");
-    }
-    #[cfg(feature = "vision")]
-    let has_camera = arguments.camera.is_some();
-    #[cfg(not(feature = "vision"))]
-    let has_camera = false;
-    let is_free = arguments.dots.is_none() && arguments.pattern.is_none() && !has_camera;
-    if is_free && report.pattern.dots.len() <= FEW_DOTS {
-        errln!("{MORE_DOTS}");
     }
     if arguments.add.is_some() {
         errln!(

@@ -16,6 +16,8 @@ pub(super) struct DesignProgress<'a> {
     line: Progress,
     /// What is said once the arguments are known to be good.
     warning: Option<String>,
+    /// Likewise: which number of dots suits which camera.
+    hint: Option<&'static str>,
     /// How long the parts of a design for a camera take.
     forecast: Option<Forecast>,
     /// Frames of the camera for each finalist.
@@ -84,6 +86,7 @@ impl<'a> DesignProgress<'a> {
             forecast: None,
             frames: job.camera.as_ref().map_or(0, |camera| camera.frames),
             warning: arguments.dot_size_warning(),
+            hint: super::number_of_dots(arguments),
             began: None,
             round_began_s: 0.0,
             shard: (0, 1),
@@ -213,6 +216,9 @@ impl JobObserver for DesignProgress<'_> {
         self.line.begin(done);
         if let Some(warning) = self.warning.take() {
             errln!("note: {warning}");
+        }
+        if let Some(hint) = self.hint.take() {
+            errln!("{hint}");
         }
     }
 

@@ -40,8 +40,8 @@ images are mirrored: frames of another ball are identified by accident now and t
 Rejected frames are listed on standard error with the reason, and in --json.
 
 Examples:
-  spindoe estimate --table a.npz --table b.npz --balls auto clip.mp4 -o orientations.csv
-  spindoe estimate --table table.npz --strobe-ms 0,0.9,2.1 --golf --flight right exposures/
+  spindoe estimate --table a.npz --table b.npz --balls auto clip.mp4 -o b.csv
+  spindoe estimate --table table.npz --strobe-ms 0,0.9,2.1 --golf exposures/
   spindoe estimate --table table.npz crops/ -o orientations.csv --overlay seen/
   ffmpeg -i CAMERA -f rawvideo -pix_fmt gray - |
       spindoe estimate --table table.npz --follow - --raw 640x480,gray --fps 350")]
@@ -63,7 +63,7 @@ pub struct Arguments {
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR_OR_MP4", conflicts_with_all = ["follow", "painted"])]
     pub(super) overlay: Option<PathBuf>,
-    /// Write a page to look at: frames, orientations over time, the spin, rejected frames.
+    /// Write a report to view and share: frames, orientations over time, the spin, rejected frames.
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "FILE.html", conflicts_with_all = ["balls", "strobe_ms", "painted"])]
     pub(super) report: Option<PathBuf>,

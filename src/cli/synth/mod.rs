@@ -38,7 +38,7 @@ Examples:
   spindoe synth table.npz --as images -o set --frames 5000
   spindoe synth dots32 --as images --kind dotless -o empty
   spindoe synth table.npz -o clip --frames 20 --rps 60 --ball-px 60
-  spindoe synth table.npz -o live --image-size 1280x1024 --ball-px 60 --config drift_px=400,-80
+  spindoe synth table.npz -o live --image-size 1280x1024 --config drift_px=400,-80
   spindoe synth dots20 --also dots32 -o two
   spindoe synth dots20 --strobe-ms 0,0.9,2.1 -o exposures
   spindoe synth dots20 --as dots --protocol clutter -o dots.csv

@@ -278,7 +278,7 @@ impl Estimator {
         self.config.camera.view_of(frame)
     }
 
-    /// Where the pattern's dots in sight are expected in a frame with a pose: number, pixel and z.
+    /// Where the pattern's visible dots are expected in a frame with a pose: number, pixel and z.
     pub fn expected_dots(&self, frame: &FrameEstimate) -> Vec<(u16, Pixel, f64)> {
         let (Some(pose), Some(view)) = (frame.pose(), self.view(frame)) else {
             return Vec::new();

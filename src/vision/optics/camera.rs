@@ -186,7 +186,7 @@ impl BallView {
         }
     }
 
-    /// Minimum z, in the view frame, that is in sight: 0, or under perspective the ball's radius
+    /// Minimum z, in the view frame, that is visible: 0, or under perspective the ball's radius
     /// over its distance.
     pub fn horizon(&self) -> f64 {
         match self.projection {

@@ -25,7 +25,7 @@ use crate::stats::{biweight, weighted_sigma};
 /// Standard deviation of a frame's turn in one step, radians: what nothing fixes stays.
 const DAMPING: f64 = 0.2;
 
-/// A place in sight of a frame.
+/// A visible place of a frame.
 struct Row {
     place: u32,
     frame: u32,

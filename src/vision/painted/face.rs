@@ -62,7 +62,7 @@ pub struct Face {
     /// Row by row from the top, `side` a row, over x and y from -1 to 1, in steps of [`STEP`].
     values: Vec<i8>,
     side: usize,
-    /// Minimum z in sight.
+    /// Minimum z that is visible.
     horizon: f64,
     /// Standard deviation of the outline's center over the radius: turns about x and y that it feigns, radians.
     center_sigma: f64,
@@ -205,7 +205,7 @@ impl Face {
         depth(direction, self.horizon)
     }
 
-    /// The value at a direction of the view frame that is in sight.
+    /// The value at a direction of the view frame that is visible.
     pub fn at(&self, direction: &Vec3) -> f64 {
         STEP * bilinear(&self.values, self.side, direction.x, direction.y)
     }
@@ -239,7 +239,7 @@ impl Face {
         opened(&light, self.side, 0.5 * self.side as f64 * radius)
     }
 
-    /// Whether something hides the ball at a direction of the view frame that is in sight.
+    /// Whether something hides the ball at a direction of the view frame that is visible.
     pub fn is_covered(&self, direction: &Vec3) -> bool {
         let cell = |x: f64| {
             let at = 0.5 * self.side as f64 * (x + 1.0);

@@ -27,12 +27,12 @@ const COARSE: f64 = 0.6;
 pub(crate) const REACH: f64 = 4.0;
 /// No residual is known better: the steps of a camera's values, and the surface between its places.
 pub(crate) const LEAST_SIGMA: f64 = 0.02;
-/// Share of the places in sight that are known, at least.
+/// Share of the visible places that are known, at least.
 const MIN_KNOWN: f64 = 0.5;
 /// No step is longer, radians: slopes reach no farther.
 pub(crate) const MAX_STEP: f64 = 0.15;
 
-/// A place in sight.
+/// A visible place.
 #[derive(Debug)]
 struct Seen {
     turn: Vec3,
@@ -83,7 +83,7 @@ impl FitSpace {
         })
     }
 
-    /// The steep places in sight, and the standard deviation of their residuals.
+    /// The steep visible places, and the standard deviation of their residuals.
     fn see(&mut self, grid: &Grid, surface: &Surface, face: &Face, rotation: &Rotation) -> f64 {
         self.seen.clear();
         self.sizes.clear();
@@ -121,7 +121,7 @@ impl FitSpace {
     }
 }
 
-/// The correlation of a face with the surface under a rotation, places weighted by their depths; `None` where too little in sight is known.
+/// The correlation of a face with the surface under a rotation, places weighted by their depths; `None` where too little of what is visible is known.
 pub(crate) fn agreement(
     grid: &Grid,
     surface: &Surface,

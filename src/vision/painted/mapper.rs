@@ -130,7 +130,7 @@ impl MappedClip {
         }
     }
 
-    /// Whether something hides the ball in a frame, at a direction of its view frame that is in sight.
+    /// Whether something hides the ball in a frame, at a direction of its view frame that is visible.
     pub fn is_covered(&self, frame: usize, direction: &Vec3) -> bool {
         self.faces[frame]
             .as_ref()

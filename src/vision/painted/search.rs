@@ -11,7 +11,7 @@ use crate::geometry::{
 
 /// Rotations tried: neighbors are some 11 degrees apart.
 const ROTATIONS: usize = 12_000;
-/// Directions on the ball that are compared, those of which in sight some 6.5 degrees apart, and the least z of these.
+/// Directions on the ball that are compared, those of the visible ones some 6.5 degrees apart, and the least z of these.
 const CELLS: usize = 500;
 const MIN_Z: f64 = 0.35;
 /// Blur, radians: half the width of the box.

@@ -6,7 +6,7 @@
 //! no dot of the pattern, an orientation has
 //!
 //! ```text
-//! s(R) = sum over the dots j in sight under R of  ln (m + (1 - m) r(c_j(R))) - ln (1 + f r(c_j(R)))
+//! s(R) = sum over the visible dots j under R of  ln (m + (1 - m) r(c_j(R))) - ln (1 + f r(c_j(R)))
 //! ```
 //!
 //! the logarithm of the ratio of the likelihoods of "the pattern is there, turned by R" and "dots lie anywhere". `s` is summed for
@@ -27,7 +27,7 @@ const ROTATIONS: usize = 60_000;
 const SHARE: f32 = 0.02;
 /// Share of the cells that show what is no dot of the pattern.
 const FALSE: f32 = 0.002;
-/// Share of the dots in sight that cannot be seen.
+/// Share of the facing dots that cannot be seen.
 const MISSED: f32 = 0.2;
 /// No cell is surer.
 const SURE: f32 = 0.999;
@@ -95,7 +95,7 @@ pub struct DenseMatcher {
     tables: [Table; 2],
 }
 
-/// The cells of the dots in sight under each orientation, for one distance.
+/// The cells of the visible dots under each orientation, for one distance.
 #[derive(Debug, Clone)]
 struct Table {
     inverse_distance: f64,
@@ -169,7 +169,7 @@ impl Table {
 }
 
 impl DenseMatcher {
-    /// For a pattern's dots (unit vectors, pattern frame). Takes some 50 ms and 2 bytes for each orientation and dot in sight.
+    /// For a pattern's dots (unit vectors, pattern frame). Takes some 50 ms and 2 bytes for each orientation and visible dot.
     pub fn new(dots: &[Vec3]) -> Self {
         Self {
             dots: dots.to_vec(),
@@ -401,7 +401,7 @@ mod tests {
     use crate::geometry::random_rotation;
     use crate::pattern::{random_pattern, shipped_designs};
 
-    /// The probabilities of a perfect detector: a peak at each dot in sight.
+    /// The probabilities of a perfect detector: a peak at each visible dot.
     fn seen(dots: &[Vec3], rotation: &Rotation, k: f64, shift: [f64; 2], missing: usize) -> Heat {
         let mut values = [0.01f32; CELLS * CELLS];
         let in_sight = dots.iter().map(|d| rotation * d);
@@ -434,7 +434,7 @@ mod tests {
             for known in [None, Some(k)] {
                 let found = matcher.best(&heat, known, &mut ws).expect("an orientation");
                 let error = found.rotation.angle_to(&truth);
-                // Near the ball some seven dots are in sight: without one of them, others may explain as much.
+                // Near the ball some seven dots are visible: without one of them, others may explain as much.
                 let is_clear = missing == 0 && k < 0.1;
                 assert!(!is_clear || found.margin > 1.0, "{trial}: {found:?}");
                 assert!(

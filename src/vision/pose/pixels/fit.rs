@@ -129,7 +129,7 @@ impl Fit {
     }
 }
 
-/// A dot in sight.
+/// A visible dot.
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     name: u16,
@@ -252,7 +252,7 @@ impl Fitter {
         sample.weight * (sample.light - light + fit.ink * covered)
     }
 
-    /// The dots in sight.
+    /// The visible dots.
     fn look(&mut self, dots: &[Vec3], start: &Start, fit: &Fit) -> Option<()> {
         let view = start.seen(fit)?;
         let turn = fit.rotation.to_rotation_matrix();
@@ -313,7 +313,7 @@ impl Fitter {
         (sum, by.into())
     }
 
-    /// The dots in sight where the pixels have them: each is moved in turn, the others where they are, with the light of the match.
+    /// The visible dots where the pixels have them: each is moved in turn, the others where they are, with the light of the match.
     pub fn place(
         &mut self,
         pixels: &Pixels,

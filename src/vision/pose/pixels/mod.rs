@@ -4,7 +4,7 @@
 //! ball as only one orientation does. A pixel `p` within the outline shows, on a line of the light,
 //!
 //! ```text
-//! I(p) = S(p) (1 - k C(p; R)),   S = sum of a_i Y_i(n(p)),   C = sum over the dots j in sight of  g_j(p)
+//! I(p) = S(p) (1 - k C(p; R)),   S = sum of a_i Y_i(n(p)),   C = sum over the visible dots j of  g_j(p)
 //! ```
 //!
 //! with the nine spherical harmonics `Y` up to the second degree, which hold 98 % of any light on a matt ball (R. Basri, D. Jacobs,
@@ -174,7 +174,7 @@ impl WholeWorkspace {
             .sort_unstable_by(|a, b| a.cost.total_cmp(&b.cost));
     }
 
-    /// The dots in sight where the pixels have them, about a match.
+    /// The visible dots where the pixels have them, about a match.
     pub fn place(
         &mut self,
         dots: &[Vec3],
