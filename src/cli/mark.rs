@@ -215,7 +215,7 @@ impl Arguments {
 }
 
 /// The flags that only some methods have, by their ids.
-const OWN: [(&str, &[Method]); 8] = [
+const OWN: [(&str, &[Method]); 10] = [
     ("lobes", &[Method::Gores]),
     ("no_numbers", &[Method::Gores]),
     ("bleed_mm", &[Method::Stickers]),
@@ -223,6 +223,8 @@ const OWN: [(&str, &[Method]); 8] = [
     ("pen_diameter_mm", &[Method::Plotter]),
     ("steps_per_turn", &[Method::Plotter]),
     ("feed_mm_per_min", &[Method::Plotter]),
+    ("pen_up", &[Method::Plotter]),
+    ("pen_down", &[Method::Plotter]),
     ("pen_delay_s", &[Method::Plotter]),
 ];
 

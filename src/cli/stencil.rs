@@ -23,7 +23,7 @@ pub struct Arguments {
     #[command(flatten)]
     pattern: PatternSource,
     /// Folder for the files; made if it does not exist.
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR", default_value = "stencil")]
     output: PathBuf,
     /// Also write coupon.stl: rings with clearances of 0.0 to 0.5 mm, to print first.
     #[arg(long)]
@@ -51,11 +51,10 @@ pub struct Arguments {
     /// the design, else a tenth of the ball].
     #[arg(long, value_name = "MM|auto", value_parser = hole, allow_negative_numbers = true, help_heading = "Sizes")]
     dot_diameter_mm: Option<Hole>,
-    /// Diameter of the pen's tip: makes holes 0.4 mm wider, so that the tip passes through.
+    /// Diameter of the pen's tip: holes are at least 0.4 mm wider, so that the tip passes through.
     #[arg(
         long,
         value_name = "MM",
-        conflicts_with = "dot_diameter_mm",
         allow_negative_numbers = true,
         help_heading = "Sizes"
     )]
@@ -180,13 +179,6 @@ impl Arguments {
         };
         config.knuckles = self.knuckles.unwrap_or(config.knuckles);
         self.sizes.apply(&mut config);
-        if let Some(pen) = self.pen_diameter_mm {
-            if !(pen.is_finite() && pen > 0.0) {
-                let problem = format!("expected more than 0 mm, found {pen}");
-                return Err(Error::argument("pen_diameter_mm", problem));
-            }
-            config.hole_diameter_mm = StencilConfig::hole_for_pen_mm(pen);
-        }
         match self.dot_diameter_mm {
             None => {}
             Some(Hole::Mm(diameter)) => config.hole_diameter_mm = diameter,
@@ -202,7 +194,39 @@ impl Arguments {
                 }
             }
         }
+        self.widen_for_pen(&mut config)?;
         Ok(config)
+    }
+
+    /// Widens the holes to what the pen's tip needs, unless their size was given.
+    fn widen_for_pen(&self, config: &mut StencilConfig) -> Result<()> {
+        let Some(pen) = self.pen_diameter_mm else {
+            return Ok(());
+        };
+        let refused = |problem: String| Err(Error::argument("pen_diameter_mm", problem));
+        if !(pen.is_finite() && pen > 0.0) {
+            return refused(format!("expected more than 0 mm, found {pen}"));
+        }
+        let needed = StencilConfig::hole_for_pen_mm(pen);
+        if needed > config.hole_diameter_mm {
+            if self.dot_diameter_mm.is_some() {
+                let holes = config.hole_diameter_mm;
+                return refused(format!(
+                    "needs holes of {needed:.1} mm, found {holes} mm (--dot-diameter-mm)"
+                ));
+            }
+            config.hole_diameter_mm = needed;
+        }
+        Ok(())
+    }
+
+    /// The flag that set the holes' size, by its id.
+    fn hole_parameter(&self, config: &StencilConfig) -> &'static str {
+        let is_by_pen = |pen: f64| StencilConfig::hole_for_pen_mm(pen) == config.hole_diameter_mm;
+        match self.pen_diameter_mm {
+            Some(pen) if is_by_pen(pen) => "pen_diameter_mm",
+            _ => "hole_diameter_mm",
+        }
     }
 }
 
@@ -214,8 +238,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let advice = "choose another folder, or --overwrite it";
         files::reject_taken(dir, &FILES, "a stencil", advice)?;
     }
-    let stencil =
-        Stencil::build(pattern, &config).map_err(|error| with_largest(error, pattern, &config))?;
+    let stencil = Stencil::build(pattern, &config).map_err(|error| {
+        with_largest(error, pattern, &config, arguments.hole_parameter(&config))
+    })?;
     let rings = arguments.coupon.then(|| coupon(&config)).transpose()?;
     let set = Replacement::begin(dir)?;
     stencil.write(set.path())?;
@@ -245,8 +270,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// A rejection because of the holes, with the largest that fits.
-fn with_largest(error: Error, pattern: &Pattern, config: &StencilConfig) -> Error {
+/// A rejection because of the holes, with the largest that fits, named by what set their size.
+fn with_largest(error: Error, pattern: &Pattern, config: &StencilConfig, of_size: &str) -> Error {
     let of_holes = ["hole_diameter_mm", "seam_margin_rad", "hinge_length_mm"];
     match error {
         Error::Argument { parameter, problem } if of_holes.contains(&parameter.as_str()) => {
@@ -258,7 +283,11 @@ fn with_largest(error: Error, pattern: &Pattern, config: &StencilConfig) -> Erro
                 true => problem,
                 false => format!("{problem}; beside hinge and rims {fits}"),
             };
-            Error::argument(parameter.as_str().to_owned(), problem)
+            let name = match parameter.as_str() {
+                "hole_diameter_mm" => of_size,
+                other => other,
+            };
+            Error::argument(name.to_owned(), problem)
         }
         other => other,
     }

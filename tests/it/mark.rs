@@ -677,6 +677,10 @@ fn bad_input_is_one_line_and_leaves_no_file() {
             ],
             "one line of G-code",
         ),
+        (
+            &["--as", "stickers", "-o", "out.svg", "--config=pen_up=M5"],
+            "--as plotter",
+        ),
     ];
     for (arguments, expected) in cases {
         let output = spindoe(dir.path(), &[&["pattern.csv"], arguments].concat());

@@ -442,8 +442,8 @@ fn dots_that_a_camera_hardly_sees_are_warned_of() {
         "-o",
         "thin",
         "--no-numbers",
-        "--pen-diameter-mm",
-        "1",
+        "--dot-diameter-mm",
+        "1.4",
     ]);
     assert!(thin.contains("note: dots of 1.4 mm"), "{thin}");
     let usual = said(&["pattern.csv", "-o", "usual", "--no-numbers"]);
@@ -459,12 +459,39 @@ fn holes_are_sized_by_the_pen_or_as_large_as_fits() {
         let json: serde_json::Value = serde_json::from_str(&text).unwrap();
         json["parameters"]["hole_diameter_mm"].as_f64().unwrap()
     };
-    let pen = spindoe(
-        dir.path(),
-        &["pattern.csv", "-o", "pen", "--pen-diameter-mm", "2.5"],
-    );
-    assert!(pen.status.success());
-    assert!((hole("pen") - 2.9).abs() < 1e-12);
+    // A thin pen draws around the hole's edge; a thick one must enter.
+    for (pen, expected) in [("2.5", 4.0), ("4.2", 4.6)] {
+        let arguments = [
+            "pattern.csv",
+            "-o",
+            "pen",
+            "--overwrite",
+            "--pen-diameter-mm",
+        ];
+        let output = spindoe(dir.path(), &[&arguments[..], &[pen]].concat());
+        assert!(output.status.success());
+        assert!(
+            (hole("pen") - expected).abs() < 1e-12,
+            "{pen}: {}",
+            hole("pen")
+        );
+    }
+    for (arguments, words) in [
+        (&["--pen-diameter-mm", "12"][..], "--pen-diameter-mm: "),
+        (
+            &["--pen-diameter-mm", "3", "--dot-diameter-mm", "3"],
+            "--pen-diameter-mm: needs holes of 3.4 mm",
+        ),
+    ] {
+        let output = spindoe(
+            dir.path(),
+            &[&["pattern.csv", "-o", "no"], arguments].concat(),
+        );
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains(words), "{said}");
+        assert!(!dir.path().join("no").exists());
+    }
     let auto = spindoe(
         dir.path(),
         &["pattern.csv", "-o", "auto", "--dot-diameter-mm", "auto"],
