@@ -315,13 +315,16 @@ impl Seeds {
     }
 }
 
+/// What ends a measurement, and what hears its name.
+type Ends<'a> = (&'a AtomicBool, &'a mut dyn FnMut(&str) -> Result<()>);
+
 /// Some recognizers in every protocol; the search's own protocol with the search's own values.
 fn validate_all(
     ball: &Ball,
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
     recognizers: &[RecognizerName],
-    (stop, says): (&AtomicBool, &mut dyn FnMut(&str) -> Result<()>),
+    (stop, says): Ends<'_>,
 ) -> Result<Vec<NamedValidation>> {
     let (seed, samples) = (config.report_seed(), evaluation.samples);
     let mut found = Vec::new();
@@ -347,7 +350,7 @@ fn sweep(
     ball: &Ball,
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
-    (stop, says): (&AtomicBool, &mut dyn FnMut(&str) -> Result<()>),
+    (stop, says): Ends<'_>,
 ) -> Result<Vec<SensitivityPoint>> {
     let sweep = SensitivityConfig {
         seed: config.report_seed(),

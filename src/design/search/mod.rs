@@ -20,7 +20,7 @@ mod work;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use self::feasible::check_feasible;
+use self::feasible::check_feasible_until;
 use self::work::{climb, rate, scout};
 use super::config::DesignConfig;
 use super::constraints::NO_STENCIL;
@@ -181,7 +181,11 @@ impl<'a> Search<'a> {
         observer: &'a mut dyn DesignObserver,
     ) -> Result<Self> {
         config.check()?;
-        check_feasible(&config.constraints, config.dots)?;
+        match check_feasible_until(&config.constraints, config.dots, stop) {
+            // What an earlier run has found is kept.
+            Err(Error::Stopped) => {}
+            checked => checked?,
+        }
         Ok(Self {
             config,
             stop,

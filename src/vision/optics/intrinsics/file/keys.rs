@@ -157,6 +157,7 @@ pub(super) const HARMLESS: &[&str] = &[
     "zerotangentdist",
     "calibrationflags",
     "newcameramatrix",
+    "fovdeg",
     "optimalcameramatrix",
 ];
 
