@@ -139,9 +139,9 @@ class Camera:
 
     @classmethod
     def read(cls, path: PathLike) -> Camera:
-        """The intrinsics of a file: of OpenCV (YAML, JSON, XML, NPZ), ROS (camera_info), Kalibr, EuRoC, VINS, ORB-SLAM or COLMAP
-        (cameras.txt), with the size of their images where the file says it. ``FILE:NAME`` is one of several cameras, as in
-        ``stereo.yml:left``. A key that is not understood is named by a warning."""
+        """The intrinsics of a file: of OpenCV (YAML, JSON, XML, NPZ), ROS (camera_info), Kalibr, EuRoC, VINS, ORB-SLAM, COLMAP
+        (cameras.txt), OpenSfM, NeRF (transforms.json), librealsense, ZED or MATLAB (JSON), with the size of their images where the file
+        says it. ``FILE:NAME`` is one of several cameras, as in ``stereo.yml:left``. A key that is not understood is named by a warning."""
         kind, numbers, size, notes = _native.read_intrinsics(os.fspath(path))
         for note in notes:
             warnings.warn(f"{path}: {note}", stacklevel=2)

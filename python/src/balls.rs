@@ -18,7 +18,7 @@ use spindoe::vision::Budget;
 
 use crate::arrays::square;
 use crate::errors::{Answer, OrRaise};
-use crate::estimator::{Estimator, check_times};
+use crate::estimator::{Estimator, check_times, warn_of_clip};
 use crate::frames::{FrameTuple, frame_tuple};
 use crate::image::{Copied, Pixels, raw_pixel};
 use crate::work::abandonable;
@@ -167,6 +167,10 @@ impl Balls {
             let numbered = number_balls(config, &times_s, &mut frames);
             (numbered, frames)
         })?;
+        if let Some(estimator) = self.inner.estimators().first() {
+            let each = frames.iter().map(|balls| balls.iter().map(|b| &b.frame));
+            warn_of_clip(py, estimator, &images, pixel, each)?;
+        }
         let tuples = frames
             .iter()
             .zip(&numbered.numbers)

@@ -12,8 +12,8 @@ use rayon::prelude::*;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::CalibrationConfig;
 use spindoe::clip::{
-    FocalDoubt, ImageWork, NamedFrame, SequenceConfig, SequenceSmears, SequenceSummary,
-    TrackerConfig, estimate_passes, orientations,
+    CameraCheck, FocalDoubt, ImageWork, LiveCheck, NamedFrame, SequenceConfig, SequenceSmears,
+    SequenceSummary, TrackerConfig, estimate_passes, orientations,
 };
 use spindoe::geometry::{CameraFrame, tangent_frame};
 use spindoe::image::{ImageView, RawPixel};
@@ -240,30 +240,6 @@ impl Estimator {
         samples.pixels() <= FAST_PIXELS
     }
 
-    /// Warns where the ball's outlines contradict the intrinsics.
-    fn warn_of_camera(
-        &self,
-        py: Python<'_>,
-        images: &[Bound<'_, PyAny>],
-        pixel: RawPixel,
-        frames: &[FrameEstimate],
-    ) -> PyResult<()> {
-        let CameraModel::Known(Camera::Perspective(k)) = self.inner.config().camera else {
-            return Ok(());
-        };
-        let mut seen = Vec::with_capacity(frames.len());
-        for (image, frame) in images.iter().zip(frames) {
-            let rows = Pixels::new("images", image)?
-                .samples("images", pixel)?
-                .rows();
-            seen.push((rows, frame.pose().map(|_| frame).into_iter().collect()));
-        }
-        match FocalDoubt::of_frames(&k, seen) {
-            Some(doubt) => warn(py, &format!("camera: {doubt}")),
-            None => Ok(()),
-        }
-    }
-
     /// Estimates frames of one sequence in both passes; without times, in the first alone.
     fn passes(
         &self,
@@ -314,6 +290,31 @@ impl Estimator {
                 on_images,
             )
         })?
+    }
+}
+
+/// Warns where the outlines of the balls of a clip's frames contradict the estimator's camera.
+pub fn warn_of_clip<'a>(
+    py: Python<'_>,
+    estimator: &spindoe::Estimator,
+    images: &[Bound<'_, PyAny>],
+    pixel: RawPixel,
+    frames: impl IntoIterator<Item = impl IntoIterator<Item = &'a FrameEstimate>>,
+) -> PyResult<()> {
+    let Some(mut check) = CameraCheck::of_camera(estimator.camera()) else {
+        return Ok(());
+    };
+    for (image, balls) in images.iter().zip(frames) {
+        let pixels = Pixels::new("images", image)?;
+        check.push(pixels.samples("images", pixel)?.rows(), balls);
+    }
+    warn_of(py, check.doubt())
+}
+
+fn warn_of(py: Python<'_>, doubt: Option<FocalDoubt>) -> PyResult<()> {
+    match doubt {
+        Some(doubt) => warn(py, &format!("camera: {doubt}")),
+        None => Ok(()),
     }
 }
 
@@ -476,7 +477,7 @@ impl Estimator {
         let informing = times.as_deref().filter(|_| !independent);
         let sequence = (informing, &config);
         let (frames, summary) = self.passes(py, &images, pixel, outline, sequence, progress)?;
-        self.warn_of_camera(py, &images, pixel, &frames)?;
+        warn_of_clip(py, &self.inner, &images, pixel, frames.iter().map(|f| [f]))?;
         let named = frames.iter().enumerate().map(|(k, estimate)| NamedFrame {
             name: "",
             time_s: times.as_ref().map(|times| times[k]),
@@ -552,7 +553,8 @@ impl Estimator {
             let times_s = times_s.filter(|times| times.len() > 1);
             let sequence = (times_s.as_deref(), &SequenceConfig::default());
             let (frames, _) = nominal.passes(py, &images, pixel, outline, sequence, progress)?;
-            nominal.warn_of_camera(py, &images, pixel, &frames)?;
+            let each = frames.iter().map(|f| [f]);
+            warn_of_clip(py, &nominal.inner, &images, pixel, each)?;
             Clip { frames, times_s }
         } else {
             calibrate::read_clip(py, Arc::clone(&nominal.inner), paths, outline, (fps, size))?
@@ -588,8 +590,9 @@ impl Estimator {
             max_latency,
         };
         let inner = spindoe::clip::Tracker::new(Arc::clone(&self.inner), config);
+        let check = LiveCheck::new(self.inner.camera());
         Ok(Tracker {
-            state: Mutex::new((inner.or_raise()?, Buffers::default())),
+            state: Mutex::new((inner.or_raise()?, Buffers::default(), check)),
             frame: self.frame(),
         })
     }
@@ -657,8 +660,8 @@ pub fn check_times(times: &[f64], images: usize) -> PyResult<()> {
     }
 }
 
-/// The tracker with the memory of its images.
-type TrackerState = (spindoe::clip::Tracker, Buffers);
+/// The tracker with the memory of its images, and what asks their outlines.
+type TrackerState = (spindoe::clip::Tracker, Buffers, LiveCheck);
 
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Tracker {
@@ -681,18 +684,20 @@ impl Tracker {
         let outline = outline(circle)?;
         let pixels = Pixels::new("image", image)?;
         let samples = pixels.samples("image", raw_pixel(color)?)?;
-        let (frame, fitted) = py
+        let (frame, fitted, doubt) = py
             .detach(|| {
                 let mut guard = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-                let (tracker, buffers) = &mut *guard;
+                let (tracker, buffers, check) = &mut *guard;
                 let image = samples.view(buffers)?;
                 let state = tracker.update(image, time_s, outline.as_ref())?;
                 Ok((
                     state.frame.clone(),
                     state.spin.map(|fit| (fit, *state.clock)),
+                    check.push(image.height(), [state.frame]),
                 ))
             })
             .or_raise()?;
+        warn_of(py, doubt)?;
         let spin = match fitted {
             // Aliases are listed where they are asked for: their search is no work for every frame.
             Ok((fit, clock)) => {

@@ -69,7 +69,7 @@ pub fn validate(
         let found = abandonable(py, move |stop| {
             let part = Trials {
                 range: first..last,
-                stop: Some(stop),
+                stop: Some(stop.flag()),
                 ..config.trials(ball.pattern())
             };
             part.run(&*recognizer, &|_| {})

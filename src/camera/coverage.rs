@@ -62,7 +62,7 @@ pub fn coverage(
         let pattern = random_pattern(dots, nearest, &mut frame_rng(SEED, k | 1 << 60))?;
         let crowds = crowds(pattern.dots());
         let own = k * FRAMES..(k + 1) * FRAMES;
-        let answers = trials.each_frame(&pattern, own, done, |rendering, found| {
+        let answers = trials.each_frame(&pattern, own, None, done, |rendering, found| {
             let chances = seen(rendering, found, &crowds);
             let outcome = FrameOutcome::of(found, &rendering.rotation);
             (chances, outcome)

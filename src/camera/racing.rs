@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::frames::{FrameOutcome, FrameRates, ln_ratio};
 use super::trials::CameraTrials;
-use crate::error::{Result, require};
+use crate::error::{Error, Result, require};
 use crate::pattern::Pattern;
 use crate::stats::{normal_cdf, sign_test};
 
@@ -122,7 +122,7 @@ impl Racing {
 /// Races `entries` patterns and measures them again on other frames; the best of the race first, then those that
 /// stayed to the end, then those that left, the last to leave first. `try_frames` gives an entry's outcomes of
 /// a range of frames, in their order; frame `k` must be the same scene for every entry. Setting `stop` ends
-/// the race after the entry's frames in hand, with the order of its last whole round.
+/// the race with the order of its last whole round: `try_frames` may then end with [`Error::Stopped`].
 ///
 /// # Errors
 /// [`crate::Error::Argument`] for a number of frames or entries outside its domain; those of
@@ -147,14 +147,18 @@ pub fn race(
     )?;
     let is_stopped = || stop.load(Ordering::Relaxed);
     let standings = standings(entries, config, &is_stopped, &mut try_frames)?;
+    let mut try_frames_of = |standing: &Racing| match is_stopped() {
+        true => Err(Error::Stopped),
+        false => try_frames(standing.entry, config.fresh(standing.left)),
+    };
     let measured = standings.into_iter().map(|standing| {
         Ok(RaceResult {
             entry: standing.entry,
             raced: standing.outcomes.len() as u64,
             left: standing.left,
-            outcomes: match is_stopped() {
-                true => Vec::new(),
-                false => try_frames(standing.entry, config.fresh(standing.left))?,
+            outcomes: match try_frames_of(&standing) {
+                Err(Error::Stopped) => Vec::new(),
+                outcomes => outcomes?,
             },
         })
     });
@@ -182,8 +186,10 @@ fn standings(
             if is_stopped() {
                 break 'rounds;
             }
-            let outcomes = try_frames(standing.entry, done..next)?;
-            standing.outcomes.extend(outcomes);
+            match try_frames(standing.entry, done..next) {
+                Err(Error::Stopped) => break 'rounds,
+                outcomes => standing.outcomes.extend(outcomes?),
+            }
         }
         racing.sort_by(|a, b| a.loss().total_cmp(&b.loss()));
         done = next;
@@ -232,7 +238,7 @@ pub fn race_patterns(
     let results = race(racers.len(), config, stop, |entry, frames| {
         let racer = &racers[entry];
         let own = trials.with_dot_diameter(racer.dot_diameter);
-        own.frames(racer.pattern, frames, done)
+        own.frames_until(racer.pattern, frames, stop, done)
     })?;
     done(results.iter().map(|result| result.spared(config)).sum());
     Ok(results)

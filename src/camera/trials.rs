@@ -1,12 +1,13 @@
 //! Rendered frames and sequences of a camera, read by the whole estimator.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::conditions::CameraConditions;
 use super::frames::FrameOutcome;
 use super::sequences::{SpinOutcome, SpinRates};
 use crate::concurrency;
-use crate::error::{Result, require};
+use crate::error::{Error, Result, require};
 use crate::pattern::Pattern;
 use crate::synth::Rendering;
 use crate::synth::dataset::Sequence;
@@ -63,7 +64,23 @@ impl CameraTrials {
         frames: Range<u64>,
         done: &(dyn Fn(u64) + Sync),
     ) -> Result<Vec<FrameOutcome>> {
-        self.each_frame(pattern, frames, done, |rendering, found| {
+        self.each_frame(pattern, frames, None, done, |rendering, found| {
+            FrameOutcome::of(found, &rendering.rotation)
+        })
+    }
+
+    /// As [`Self::frames`], which setting `stop` ends.
+    ///
+    /// # Errors
+    /// As [`Self::frames`]; [`crate::Error::Stopped`].
+    pub(super) fn frames_until(
+        &self,
+        pattern: &Pattern,
+        frames: Range<u64>,
+        stop: &AtomicBool,
+        done: &(dyn Fn(u64) + Sync),
+    ) -> Result<Vec<FrameOutcome>> {
+        self.each_frame(pattern, frames, Some(stop), done, |rendering, found| {
             FrameOutcome::of(found, &rendering.rotation)
         })
     }
@@ -72,11 +89,12 @@ impl CameraTrials {
     /// [`Self::frames`].
     ///
     /// # Errors
-    /// As [`Self::frames`].
+    /// As [`Self::frames`]; [`crate::Error::Stopped`] once `stop` is set.
     pub fn each_frame<T: Send>(
         &self,
         pattern: &Pattern,
         frames: Range<u64>,
+        stop: Option<&AtomicBool>,
         done: &(dyn Fn(u64) + Sync),
         look: impl Fn(&Rendering, &FrameEstimate) -> T + Sync + Send,
     ) -> Result<Vec<T>> {
@@ -91,6 +109,9 @@ impl CameraTrials {
                 let first = frames.start + chunk * CHUNK;
                 let frames = first..(first + CHUNK).min(frames.end);
                 let results = frames.clone().map(|k| {
+                    if stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) {
+                        return Err(Error::Stopped);
+                    }
                     let rendering = self.conditions.scene(pattern, self.seed, k)?.render()?;
                     let (prior, budget) = (Prior::default(), Budget::default());
                     estimator.estimate(&rendering.image, &prior, &budget, &mut ws, &mut found);

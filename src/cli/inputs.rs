@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::images::{order_warning, unused_warning};
-use crate::clip::{Batch, BatchConfig, TimeSource};
+use crate::clip::{Batch, BatchConfig, FocalDoubt, TimeSource};
 use crate::error::Result;
 use crate::files::csv::shown;
 use crate::source::files::SkippedFiles;
@@ -19,13 +19,13 @@ pub(super) fn say<K>(batch: &Batch<K>, config: &BatchConfig) -> Result<()> {
     say_names(batch, config)?;
     say_skipped(&batch.skipped);
     say_cut_short(&batch.cut_short);
-    say_camera(batch);
+    say_camera(batch.focal_doubt.as_ref());
     Ok(())
 }
 
 /// Says where the ball's outlines contradict the camera.
-pub(super) fn say_camera<K>(batch: &Batch<K>) {
-    if let Some(doubt) = &batch.focal_doubt {
+pub(super) fn say_camera(doubt: Option<&FocalDoubt>) {
+    if let Some(doubt) = doubt {
         errln!("note: --intrinsics: {doubt}");
     }
 }

@@ -41,6 +41,8 @@ const MAX_FRAMES: usize = 32;
 const INDEPENDENT: f64 = 12.0;
 /// Fewer say nothing.
 const MIN_FRAMES: usize = 3;
+/// Outlines of a stream before it is asked first.
+const MIN_LIVE: usize = 8;
 /// Standard deviations of what draws outlines out beside the camera, pixels, over the radius where that is more: of all outlines
 /// alike, and of each.
 const SHARED: (f64, f64) = (0.1, 0.002);
@@ -220,58 +222,143 @@ fn unlikeliness(k: &Intrinsics, ratio: f64, seen: &[Shown]) -> Option<f64> {
     sum.is_finite().then_some(sum)
 }
 
-impl Work<'_> {
-    /// The camera's intrinsics, where they are known.
-    fn intrinsics(&self) -> Option<Intrinsics> {
-        match self {
-            Self::Outlines(finder) => finder.intrinsics(),
-            _ => match self.tables().first()?.camera() {
-                CameraModel::Known(Camera::Perspective(k)) => Some(*k),
-                _ => None,
-            },
+/// Asks the outlines of a camera's frames, in every mode: frames go in one by one, in their order.
+///
+/// Memory and work a frame do not grow with their number: of a long stream the outlines that have a say are spread over all of it.
+#[derive(Debug, Clone)]
+pub struct CameraCheck {
+    k: Intrinsics,
+    /// Whether balls need a pose to be known.
+    by_poses: bool,
+    /// The balls of the frame before.
+    before: Vec<BallCircle>,
+    seen: Vec<SeenOval>,
+    /// Every so many outlines one is kept.
+    stride: usize,
+    /// Outlines that there were.
+    count: usize,
+}
+
+impl CameraCheck {
+    /// For a camera, where its intrinsics are known.
+    pub fn of_camera(camera: &CameraModel) -> Option<Self> {
+        match camera {
+            CameraModel::Known(Camera::Perspective(k)) => Some(Self::new(*k, true)),
+            _ => None,
         }
+    }
+
+    fn new(k: Intrinsics, by_poses: bool) -> Self {
+        Self {
+            k,
+            by_poses,
+            before: Vec::new(),
+            seen: Vec::with_capacity(2 * MAX_FRAMES),
+            stride: 1,
+            count: 0,
+        }
+    }
+
+    /// Takes the next frame, by its picture's rows, and its balls; those without a pose have no say. It is taken for the next one of a clip: times say
+    /// nothing of whether it is, and single images, far from each other, are then said to be drawn out by more.
+    pub fn push<'a>(&mut self, rows: usize, balls: impl IntoIterator<Item = &'a FrameEstimate>) {
+        let mut circles = Vec::new();
+        let by_poses = self.by_poses;
+        let known = balls
+            .into_iter()
+            .filter(|ball| !by_poses || ball.pose().is_some());
+        for (ball, circle) in known.filter_map(|b| Some((b, b.circle?))) {
+            circles.push(circle);
+            let way = self
+                .before
+                .iter()
+                .map(|b| (b.center.u - circle.center.u).hypot(b.center.v - circle.center.v))
+                .fold(f64::INFINITY, f64::min);
+            let rolling = match way.is_finite() {
+                true => 0.5 * way / rows.max(1) as f64,
+                false => 0.0,
+            };
+            if let Some(oval) = SeenOval::of(ball, rolling) {
+                self.keep(oval);
+            }
+        }
+        if !circles.is_empty() {
+            self.before = circles;
+        }
+    }
+
+    fn keep(&mut self, oval: SeenOval) {
+        if self.count.is_multiple_of(self.stride) {
+            if self.seen.len() == 2 * MAX_FRAMES {
+                let mut at = 0;
+                self.seen.retain(|_| {
+                    at += 1;
+                    at % 2 == 1
+                });
+                self.stride *= 2;
+            }
+            self.seen.push(oval);
+        }
+        self.count += 1;
+    }
+
+    /// What the outlines say, after all frames.
+    pub fn doubt(&self) -> Option<FocalDoubt> {
+        focal_doubt(&self.k, &self.seen)
+    }
+}
+
+/// Asks a [`CameraCheck`] while its frames come in: each time that there are twice as many outlines.
+#[derive(Debug, Clone)]
+pub struct LiveCheck {
+    /// None without intrinsics, and once there is a doubt.
+    check: Option<CameraCheck>,
+    next: usize,
+}
+
+impl LiveCheck {
+    /// For a camera; silent where its intrinsics are not known.
+    pub fn new(camera: &CameraModel) -> Self {
+        Self {
+            check: CameraCheck::of_camera(camera),
+            next: MIN_LIVE,
+        }
+    }
+
+    /// Takes the next frame; the doubt, once, as soon as there is one.
+    pub fn push<'a>(
+        &mut self,
+        rows: usize,
+        balls: impl IntoIterator<Item = &'a FrameEstimate>,
+    ) -> Option<FocalDoubt> {
+        let check = self.check.as_mut()?;
+        check.push(rows, balls);
+        if check.count < self.next {
+            return None;
+        }
+        self.next = 2 * check.count;
+        let doubt = check.doubt()?;
+        self.check = None;
+        Some(doubt)
+    }
+
+    /// The doubt at the end, where there was none before.
+    pub fn end(&mut self) -> Option<FocalDoubt> {
+        self.check.take()?.doubt()
     }
 }
 
 impl FocalDoubt {
-    /// What frames say of a camera, each by its picture's rows and the balls that are known in it. Each is taken for the next one of a
-    /// clip: times say nothing of whether it is, and single images, far from each other, are then said to be drawn out by more.
-    pub fn of_frames<'a>(
-        k: &Intrinsics,
-        frames: impl IntoIterator<Item = (usize, Vec<&'a FrameEstimate>)>,
-    ) -> Option<Self> {
-        let mut seen = Vec::new();
-        let mut before: Vec<BallCircle> = Vec::new();
-        for (rows, balls) in frames {
-            let circles: Vec<BallCircle> = balls.iter().filter_map(|b| b.circle).collect();
-            for (ball, circle) in balls.iter().filter_map(|b| Some((b, b.circle?))) {
-                let way = before
-                    .iter()
-                    .map(|b| (b.center.u - circle.center.u).hypot(b.center.v - circle.center.v))
-                    .fold(f64::INFINITY, f64::min);
-                let rolling = match way.is_finite() {
-                    true => 0.5 * way / rows.max(1) as f64,
-                    false => 0.0,
-                };
-                seen.extend(SeenOval::of(ball, rolling));
-            }
-            if !circles.is_empty() {
-                before = circles;
-            }
-        }
-        focal_doubt(k, &seen)
-    }
-
     /// What the frames of a clip say of the camera of a work.
     pub(super) fn of_clip<K>(work: &Work<'_>, batch: &Batch<K>) -> Option<Self> {
-        let k = work.intrinsics()?;
-        let is_known =
-            |ball: &&FrameEstimate| matches!(work, Work::Outlines(_)) || ball.pose().is_some();
-        let frames = batch.frames.iter().map(|frame| {
+        let mut check = match work {
+            Work::Outlines(finder) => CameraCheck::new(finder.intrinsics()?, false),
+            _ => CameraCheck::of_camera(work.tables().first()?.camera())?,
+        };
+        for frame in &batch.frames {
             let rows = frame.size.map_or(1, |[_, rows]| rows);
-            let balls = frame.balls.iter().map(|ball| &ball.frame);
-            (rows, balls.filter(is_known).collect())
-        });
-        Self::of_frames(&k, frames)
+            check.push(rows, frame.balls.iter().map(|ball| &ball.frame));
+        }
+        check.doubt()
     }
 }

@@ -29,7 +29,7 @@ pub use ball_tracks::{BallTracks, NumberedBalls, missing_balls, number_balls};
 pub use balls::{BallEstimate, BallsEstimator, BallsWorkspace, sort_from_left};
 pub use batch::{Batch, BatchFrame, BatchObserver, SequenceOutcome};
 pub use config::{BatchConfig, FrameClock};
-pub use focal::{FocalDoubt, SeenOval, focal_doubt};
+pub use focal::{CameraCheck, FocalDoubt, LiveCheck, SeenOval, focal_doubt};
 pub use judgment::Judgment;
 pub use orientations::{NamedFrame, orientations};
 pub use painted::SurfaceObserver;

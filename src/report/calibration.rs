@@ -309,7 +309,7 @@ fn monte_carlo(
     let run = |ball: &Pattern, known: &Pattern, protocol: ProtocolName| -> Result<Validation> {
         let CalibrationEvaluationConfig { samples, seed, .. } = *evaluation;
         let mut trials = Trials::first(ball, protocol.view(), seed, samples);
-        trials.stop = evaluation.stop;
+        trials.stop = evaluation.stop.map(StopFlag::flag);
         let recognizer = RobustRecognizer::new(known, trials.view.into())?;
         let results = trials.run(&recognizer, &|_| {})?;
         Ok(Validation::of(&results, protocol, &trials).untimed())

@@ -32,8 +32,8 @@ use super::{DesignEvaluation, DotPlace, EvaluationConfig, REPORT, evaluate};
 use crate::ball::DesignRecord;
 use crate::design::state::{Checkpoint, ShardRecord};
 use crate::design::{
-    CameraRecord, CameraRequest, Candidate, DesignConfig, DesignObserver, SearchState, Shard,
-    Stage, design, search_rounds,
+    CameraRecord, CameraRequest, Candidate, DesignConfig, DesignObserver, DesignOutcome,
+    SearchState, Shard, Stage, design, search_rounds,
 };
 use crate::error::{Error, Result};
 use crate::files::{self, FolderLock, Replacement};
@@ -47,6 +47,8 @@ const PATTERN: &str = "pattern.csv";
 const OPTIONAL: [&str; 2] = ["stencil", ADDED];
 /// The picture of dots that are to be drawn beside others.
 const ADDED: &str = "added.png";
+/// Trials of each protocol and recognizer after a stop: who stops waits for them.
+const STOPPED_SAMPLES: u64 = 200;
 
 /// Configuration of a design and its output folder.
 #[derive(Debug, Clone, PartialEq)]
@@ -267,21 +269,16 @@ impl DesignJob {
         let clock = Instant::now();
         observer.begins(&state);
         let mut keeper = Keeper::new(self, None, stop, observer);
-        let outcome = design(&self.config, &mut state, stop, &mut keeper)?;
+        let mut outcome = design(&self.config, &mut state, stop, &mut keeper)?;
         let camera = keeper.camera;
         let search_s = clock.elapsed().as_secs_f64();
-        if outcome.stopped {
-            observer.step("stopped: evaluating the best so far")?;
-        }
         let searched = DesignConfig {
             rounds: state.round.max(1),
             ..self.config.clone()
         };
         let command = observer.command(&searched);
-        let found = evaluate(&outcome, &searched, &self.evaluation, &mut |what| {
-            observer.step(what)
-        })?;
-        let mut found = found.with_design(self.record(camera.as_ref()))?;
+        let mut found = self.evaluated(&mut outcome, &searched, stop, observer)?;
+        found = found.with_design(self.record(camera.as_ref()))?;
         let ball_mm = self.stencil.ball_diameter_mm;
         let drawn = self.config.constraints.drawn;
         found.report.added = DotPlace::added(found.ball.pattern().dots(), drawn, ball_mm);
@@ -300,6 +297,27 @@ impl DesignJob {
         DesignPage::read(results.path())?.write(results.path())?;
         results.publish(&OPTIONAL, REPORT)?;
         Ok(found)
+    }
+
+    /// Evaluates the winner; where `stop` ends that, or ended the search, by a few trials.
+    fn evaluated(
+        &self,
+        outcome: &mut DesignOutcome,
+        searched: &DesignConfig,
+        stop: &AtomicBool,
+        observer: &mut dyn JobObserver,
+    ) -> Result<DesignEvaluation> {
+        if !outcome.stopped {
+            let mut says = |what: &str| observer.step(what);
+            match evaluate(outcome, searched, &self.evaluation, stop, &mut says) {
+                Err(Error::Stopped) => outcome.stopped = true,
+                found => return found,
+            }
+        }
+        observer.step("stopped: evaluating the best so far")?;
+        let few = EvaluationConfig::of_samples(self.evaluation.samples.min(STOPPED_SAMPLES));
+        let never = AtomicBool::new(false);
+        evaluate(outcome, searched, &few, &never, &mut |_| Ok(()))
     }
 
     /// Makes the stencil. Beside drawn dots, whose places nobody chose for one, it is left out where none is possible.

@@ -18,6 +18,7 @@ pub mod page;
 pub mod plots;
 
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
 
@@ -214,14 +215,15 @@ pub struct DesignEvaluation {
 }
 
 /// Evaluates the winner of a search on the report's own trials; `says` receives the name of each
-/// measurement.
+/// measurement. Setting `stop` ends it.
 ///
 /// # Errors
-/// As [`ValidationConfig::run`].
+/// As [`ValidationConfig::run`]; [`crate::Error::Stopped`].
 pub fn evaluate(
     outcome: &DesignOutcome,
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
+    stop: &AtomicBool,
     says: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<DesignEvaluation> {
     let best = &outcome.best;
@@ -230,7 +232,7 @@ pub fn evaluate(
     let mut ball = Ball::new(pattern.clone());
     let clock = Stopwatch::start();
     let all = &RecognizerName::ALL;
-    let mut validation = validate_all(&ball, config, evaluation, all, says)?;
+    let mut validation = validate_all(&ball, config, evaluation, all, (stop, says))?;
     let mut timing = Timing {
         validation_s: clock.elapsed().as_secs_f64(),
         us_per_identification: validation
@@ -246,13 +248,14 @@ pub fn evaluate(
     if !drawn.is_empty() {
         let before_them = Ball::new(Pattern::new(drawn.to_vec())?);
         let default = &[RecognizerName::Robust];
-        before = validate_all(&before_them, config, evaluation, default, &mut |_| Ok(()))?;
+        let silent = &mut |_: &str| Ok(());
+        before = validate_all(&before_them, config, evaluation, default, (stop, silent))?;
     }
     for v in validation.iter_mut().chain(&mut before) {
         v.validation = v.validation.clone().untimed();
     }
     let clock = Stopwatch::start();
-    let sensitivity = sweep(&ball, config, evaluation, says)?;
+    let sensitivity = sweep(&ball, config, evaluation, (stop, says))?;
     timing.sensitivity_s = clock.elapsed().as_secs_f64();
     let objective = ObjectiveRecord {
         name: config.objective.name().to_string(),
@@ -312,13 +315,16 @@ impl Seeds {
     }
 }
 
+/// What ends a measurement, and what hears its name.
+type Ends<'a> = (&'a AtomicBool, &'a mut dyn FnMut(&str) -> Result<()>);
+
 /// Some recognizers in every protocol; the search's own protocol with the search's own values.
 fn validate_all(
     ball: &Ball,
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
     recognizers: &[RecognizerName],
-    says: &mut dyn FnMut(&str) -> Result<()>,
+    (stop, says): Ends<'_>,
 ) -> Result<Vec<NamedValidation>> {
     let (seed, samples) = (config.report_seed(), evaluation.samples);
     let mut found = Vec::new();
@@ -333,7 +339,7 @@ fn validate_all(
                 seed,
                 samples,
             };
-            found.push(config.run(ball, &|_| {})?);
+            found.push(config.run_until(ball, Some(stop))?);
         }
     }
     Ok(found)
@@ -344,7 +350,7 @@ fn sweep(
     ball: &Ball,
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
-    says: &mut dyn FnMut(&str) -> Result<()>,
+    (stop, says): Ends<'_>,
 ) -> Result<Vec<SensitivityPoint>> {
     let sweep = SensitivityConfig {
         seed: config.report_seed(),
@@ -353,7 +359,7 @@ fn sweep(
     // A check has refused a search for no views.
     let protocol = config.protocols.first().copied();
     let protocol = protocol.unwrap_or(Protocol::standard(ProtocolName::Sparse));
-    let mut points = sensitivity(ball, &protocol, &sweep, &mut |p| {
+    let mut points = sensitivity(ball, &protocol, &sweep, Some(stop), &mut |p| {
         says(&format!(
             "sensitivity, {} recognizer: {} = {}",
             p.result.recognizer,

@@ -20,9 +20,10 @@ pub use sensitivity::{
 };
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::ball::Ball;
-use crate::concurrency::{self, StopFlag, Stopwatch};
+use crate::concurrency::{self, Stopwatch};
 use crate::error::{Error, Result, require};
 use crate::geometry::rotation_angle;
 use crate::pattern::Pattern;
@@ -118,7 +119,7 @@ pub enum TrialResult {
 }
 
 /// Trials of a view model: which, of which ball.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Trials<'p> {
     /// The pattern that the views show.
     pub pattern: &'p Pattern,
@@ -129,7 +130,7 @@ pub struct Trials<'p> {
     /// Their numbers: ranges that follow each other give what one run over all of them gives.
     pub range: Range<u64>,
     /// What ends the run before, with an error.
-    pub stop: Option<StopFlag>,
+    pub stop: Option<&'p AtomicBool>,
 }
 
 impl<'p> Trials<'p> {
@@ -158,7 +159,7 @@ impl<'p> Trials<'p> {
         self.view.check()?;
         check_samples(if start < end { end } else { 0 })?;
         let chunks = start / CHUNK..end.div_ceil(CHUNK);
-        let is_stopped = || self.stop.is_some_and(StopFlag::is_set);
+        let is_stopped = || self.stop.is_some_and(|stop| stop.load(Ordering::Relaxed));
         let results = concurrency::map_range(chunks, |chunk| {
             if is_stopped() {
                 return Vec::new();
@@ -168,6 +169,7 @@ impl<'p> Trials<'p> {
             let mut workspace = recognizer.workspace();
             let (from, to) = ((chunk * CHUNK).max(start), ((chunk + 1) * CHUNK).min(end));
             let results: Vec<_> = (from..to)
+                .take_while(|_| !is_stopped())
                 .map(|index| {
                     generator.generate(index, &mut trial);
                     self.judge(&trial, recognizer, &mut workspace)
@@ -271,8 +273,34 @@ impl ValidationConfig {
         ball: &Ball,
         observer: &(dyn Fn(u64) + Sync),
     ) -> Result<Vec<TrialResult>> {
+        self.results_until(ball, None, observer)
+    }
+
+    fn results_until(
+        &self,
+        ball: &Ball,
+        stop: Option<&AtomicBool>,
+        observer: &(dyn Fn(u64) + Sync),
+    ) -> Result<Vec<TrialResult>> {
         let recognizer = NamedRecognizer::new(self.recognizer, ball, self.protocol.view())?;
-        self.trials(ball.pattern()).run(&recognizer, observer)
+        let trials = Trials {
+            stop,
+            ..self.trials(ball.pattern())
+        };
+        trials.run(&recognizer, observer)
+    }
+
+    /// As [`ValidationConfig::run`], which setting `stop` ends.
+    ///
+    /// # Errors
+    /// [`crate::Error::Stopped`]; as [`ValidationConfig::results`].
+    pub(crate) fn run_until(
+        &self,
+        ball: &Ball,
+        stop: Option<&AtomicBool>,
+    ) -> Result<NamedValidation> {
+        let results = self.results_until(ball, stop, &|_| {})?;
+        Ok(self.summary(ball, &results))
     }
 
     /// Validates a ball: counts the successes of [`ValidationConfig::results`].

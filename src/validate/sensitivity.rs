@@ -6,8 +6,9 @@
 //! interval is valid for its own point only.
 
 use std::fmt::Write as _;
+use std::sync::atomic::AtomicBool;
 
-use super::{NamedValidation, Validation, ValidationConfig, check_samples};
+use super::{NamedValidation, Trials, Validation, ValidationConfig, check_samples};
 use crate::ball::Ball;
 use crate::error::Result;
 use crate::recognize::{PaperConfig, PaperRecognizer, RecognizerName};
@@ -71,14 +72,15 @@ pub struct SensitivityPoint {
     pub result: NamedValidation,
 }
 
-/// Sweeps noise and alpha; `each` receives every point as soon as it is measured.
+/// Sweeps noise and alpha; `each` receives every point as soon as it is measured. Setting `stop` ends it.
 ///
 /// # Errors
-/// As [`ValidationConfig::run`].
+/// As [`ValidationConfig::run`]; [`crate::Error::Stopped`].
 pub fn sensitivity(
     ball: &Ball,
     protocol: &Protocol,
     config: &SensitivityConfig,
+    stop: Option<&AtomicBool>,
     each: &mut dyn FnMut(&SensitivityPoint) -> Result<()>,
 ) -> Result<Vec<SensitivityPoint>> {
     check_samples(config.samples)?;
@@ -111,12 +113,15 @@ pub fn sensitivity(
     };
     for recognizer in RecognizerName::ALL {
         for &sigma in &config.sigmas_deg {
-            let found =
-                at(recognizer, protocol.with_sigma_rad(sigma.to_radians())).run(ball, &|_| {})?;
+            let own = protocol.with_sigma_rad(sigma.to_radians());
+            let found = at(recognizer, own).run_until(ball, stop)?;
             keep(SweptParameter::SigmaDeg, sigma, found)?;
         }
     }
-    let trials = at(RecognizerName::Paper, *protocol).trials(ball.pattern());
+    let trials = Trials {
+        stop,
+        ..at(RecognizerName::Paper, *protocol).trials(ball.pattern())
+    };
     let mut paper = PaperRecognizer::for_ball(ball)?;
     for &alpha in &config.alphas {
         paper = paper.with_config(PaperConfig {

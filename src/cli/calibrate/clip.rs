@@ -63,7 +63,7 @@ pub(super) fn read(
                 }
                 let ball = Ball::new(clip.built.pattern.clone());
                 let batch = estimated(arguments, &settings, &ball, config)?;
-                inputs::say_camera(&batch);
+                inputs::say_camera(batch.focal_doubt.as_ref());
                 let frames = IdentifiedFrames::of(batch);
                 return Ok(CalibratedClip {
                     calibration: clip.calibrated(arguments, &frames, config)?,

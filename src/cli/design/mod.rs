@@ -24,7 +24,7 @@ pub(super) use arguments::cone;
 use progress::DesignProgress;
 
 /// The answer to the first Ctrl-C.
-pub(super) const STOPPING: &str = "stopping: what was found is evaluated and written, which takes some 20 s; \
+pub(super) const STOPPING: &str = "stopping: what was found is evaluated and written, which takes some seconds; \
                                    Ctrl-C again quits at once and keeps the search for --resume";
 /// The answer where a part of a search is asked for, or several.
 const STOPPING_SHARD: &str = "stopping: the search is kept for --resume once its work in hand is done; Ctrl-C again quits at once";

@@ -8,7 +8,10 @@ use serde_json::json;
 
 use super::written::own_row;
 use super::{Arguments, follow};
-use crate::clip::{BallEstimate, BallTracks, BallsEstimator, NamedFrame, Strobe, sort_from_left};
+use crate::cli::inputs::say_camera;
+use crate::clip::{
+    BallEstimate, BallTracks, BallsEstimator, LiveCheck, NamedFrame, Strobe, sort_from_left,
+};
 use crate::error::Result;
 use crate::spin::robust::SpinConfig;
 use crate::vision::Estimator;
@@ -87,7 +90,10 @@ pub(super) fn follow_balls(
     };
     let mut tracks = BallTracks::new(spin);
     let mut ws = estimator.workspace()?;
-    follow::each_frame(arguments, |image, number, time_s, arrived| {
+    let camera = estimator.estimators().first().map(Estimator::camera);
+    let mut check = camera.map(LiveCheck::new);
+    let followed = follow::each_frame(arguments, |image, number, time_s, arrived| {
+        let height = image.height();
         let budget = max_latency.map_or_else(Budget::default, Budget::within);
         let mut balls = match strobe {
             Some(strobe) => estimator.estimate_strobed(image, region, strobe, &budget, &mut ws),
@@ -123,10 +129,15 @@ pub(super) fn follow_balls(
                 strobe_rows(arguments, shown_in, ("", time_s), &balls, &found, &numbers)
             }
         };
+        let check = check.as_mut();
+        let doubt = check.and_then(|c| c.push(height, balls.iter().map(|b| &b.frame)));
+        say_camera(doubt.as_ref());
         let is_identified = balls.iter().any(|b| b.frame.pose().is_some());
         let shown = rows.iter_mut().map(|row| row.json.take());
         line["balls"] = shown.collect();
         line["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
         Ok((is_identified, line))
-    })
+    });
+    say_camera(check.and_then(|mut c| c.end()).as_ref());
+    followed
 }

@@ -10,8 +10,9 @@ use serde_json::{Value, json};
 use super::Arguments;
 use super::written::{ball_json, own_row};
 use crate::cli::images::read_ball;
+use crate::cli::inputs::say_camera;
 use crate::cli::pipe::Pipe;
-use crate::clip::{NamedFrame, SequenceConfig, Tracker, TrackerConfig, TrackerState};
+use crate::clip::{LiveCheck, NamedFrame, SequenceConfig, Tracker, TrackerConfig, TrackerState};
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
 use crate::image::{ImageView, Picture};
@@ -36,18 +37,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         max_latency: max_latency(arguments.max_latency_ms)?,
         ..TrackerConfig::default()
     };
+    let mut check = LiveCheck::new(estimator.camera());
     let mut tracker = Tracker::new(estimator, config)?;
     if let Some(roi) = arguments.source.roi()? {
         tracker = tracker.within(roi);
     }
-    each_frame(arguments, |image, number, time_s, arrived| {
+    let followed = each_frame(arguments, |image, number, time_s, arrived| {
+        let rows = image.height();
         let state = tracker.update(image, time_s, outline.as_ref())?;
+        say_camera(check.push(rows, [state.frame]).as_ref());
         let is_identified = state.frame.pose().is_some();
         Ok((
             is_identified,
             line(shown_in, number, time_s, &state, arrived),
         ))
-    })
+    });
+    say_camera(check.end().as_ref());
+    followed
 }
 
 /// Hands each frame of the pipe with its number, time and arrival to `work`, and writes the line that it makes at once; `work` says

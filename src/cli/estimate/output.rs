@@ -342,7 +342,7 @@ impl<'a> Report<'a> {
     pub fn say(&self) {
         inputs::say_skipped(&self.batch.skipped);
         inputs::say_cut_short(&self.batch.cut_short);
-        inputs::say_camera(self.batch);
+        inputs::say_camera(self.batch.focal_doubt.as_ref());
         if let Some(words) = self.size_words() {
             errln!("{words}");
         }

@@ -26,7 +26,7 @@ pub(super) fn run(arguments: &Arguments, ball: &Ball) -> Result<()> {
     let protocol = arguments.protocol();
     let count = 2 * config.sigmas_deg.len() + config.alphas.len();
     let counter = Counter::new(count as u64, "points");
-    let points = sensitivity(ball, &protocol, &config, &mut |_| {
+    let points = sensitivity(ball, &protocol, &config, None, &mut |_| {
         counter.add(1);
         Ok(())
     })?;

@@ -9,6 +9,8 @@
 //! The result is an estimate. Packings come within a degree of the best known ones for up to 64
 //! dots, and a constraint that six starts violate may be met by a seventh.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -215,6 +217,18 @@ impl Demand {
 /// # Errors
 /// [`Error::Argument`] with the nearest value that was reached.
 pub fn check_feasible(constraints: &Constraints, dots: usize) -> Result<()> {
+    check_feasible_until(constraints, dots, &AtomicBool::new(false))
+}
+
+/// As [`check_feasible`], which setting `stop` ends.
+///
+/// # Errors
+/// As [`check_feasible`]; [`Error::Stopped`].
+pub(super) fn check_feasible_until(
+    constraints: &Constraints,
+    dots: usize,
+    stop: &AtomicBool,
+) -> Result<()> {
     constraints.check_demand(dots)?;
     if constraints.drawn > 0 {
         // The attempts here place all dots freely. Whether there is room beside drawn ones, each start finds out.
@@ -234,21 +248,22 @@ pub fn check_feasible(constraints: &Constraints, dots: usize) -> Result<()> {
         );
         return Err(Error::argument("min_separation_rad", problem));
     }
-    if is_met(constraints, dots, TRIES)? {
+    if is_met(constraints, dots, TRIES, stop)? {
         return Ok(());
     }
-    match no_stencil(constraints, dots)? {
+    match no_stencil(constraints, dots, stop)? {
         Some(error) => Err(error),
-        None => Err(unmet(constraints, dots)?),
+        None => Err(unmet(constraints, dots, stop)?),
     }
 }
 
 /// The error where an attempt meets all demands but has no stencil, with the largest hole that has one.
-fn no_stencil(constraints: &Constraints, dots: usize) -> Result<Option<Error>> {
+fn no_stencil(constraints: &Constraints, dots: usize, stop: &AtomicBool) -> Result<Option<Error>> {
     let Some(stencil) = &constraints.stencil else {
         return Ok(None);
     };
-    let pattern = after_descent(dots, constraints, 0, &|p| constraints.missed_but_stencil(p))?;
+    let missed = |p: &Pattern| constraints.missed_but_stencil(p);
+    let pattern = after_descent(dots, constraints, (0, stop), &missed)?;
     if constraints.missed_but_stencil(&pattern).is_some() {
         return Ok(None);
     }
@@ -265,9 +280,9 @@ fn no_stencil(constraints: &Constraints, dots: usize) -> Result<Option<Error>> {
 }
 
 /// Whether one of so many attempts satisfies the constraints.
-fn is_met(constraints: &Constraints, dots: usize, tries: u64) -> Result<bool> {
+fn is_met(constraints: &Constraints, dots: usize, tries: u64, stop: &AtomicBool) -> Result<bool> {
     first_success(tries, |stream| {
-        Ok(missed_after_descent(constraints, dots, stream)?.is_none())
+        Ok(missed_after_descent(constraints, dots, (stream, stop))?.is_none())
     })
 }
 
@@ -280,10 +295,17 @@ fn first_success(tries: u64, attempt: impl Fn(u64) -> Result<bool> + Sync + Send
 
 /// The error for constraints that no attempt satisfied: the demand whose absence helps, with the
 /// largest part of it that was reached.
-fn unmet(constraints: &Constraints, dots: usize) -> Result<Error> {
+fn unmet(constraints: &Constraints, dots: usize, stop: &AtomicBool) -> Result<Error> {
     let together = format!("no pattern of {dots} dots was found that meets all demands at once");
     for demand in Demand::ALL {
-        let reaches = |part: f64| is_met(&demand.relaxed(constraints, part), dots, RELAXED_TRIES);
+        let reaches = |part: f64| {
+            is_met(
+                &demand.relaxed(constraints, part),
+                dots,
+                RELAXED_TRIES,
+                stop,
+            )
+        };
         if !demand.is_made(constraints) || !reaches(0.0)? {
             continue;
         }
@@ -302,7 +324,7 @@ fn unmet(constraints: &Constraints, dots: usize) -> Result<Error> {
         );
         return Ok(Error::argument(demand.parameter(), problem));
     }
-    let missed = missed_after_descent(constraints, dots, 0)?.unwrap_or_default();
+    let missed = missed_after_descent(constraints, dots, (0, stop))?.unwrap_or_default();
     let problem = format!("{together}; the closest attempt has: {missed}");
     Ok(Error::argument("constraints", problem))
 }
@@ -312,13 +334,16 @@ fn unmet(constraints: &Constraints, dots: usize) -> Result<Error> {
 fn missed_after_descent(
     constraints: &Constraints,
     dots: usize,
-    stream: u64,
+    (stream, stop): (u64, &AtomicBool),
 ) -> Result<Option<String>> {
-    let first = after_descent(dots, constraints, stream, &|p| {
+    let first = after_descent(dots, constraints, (stream, stop), &|p| {
         constraints.missed_but_stencil(p)
     })?;
     if constraints.missed(&first).is_none() {
         return Ok(None);
+    }
+    if stop.load(Ordering::Relaxed) {
+        return Err(Error::Stopped);
     }
     let last = descend(&first, &Charges, constraints, STEPS * CHECKS as u64)?;
     Ok(constraints.missed(&last))
@@ -328,7 +353,7 @@ fn missed_after_descent(
 fn after_descent(
     dots: usize,
     constraints: &Constraints,
-    stream: u64,
+    (stream, stop): (u64, &AtomicBool),
     missed: &dyn Fn(&Pattern) -> Option<String>,
 ) -> Result<Pattern> {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -336,6 +361,9 @@ fn after_descent(
     let separation = start_separation(dots, constraints.min_separation_rad);
     let mut pattern = random_pattern(dots, separation, &mut rng)?;
     for _ in 0..CHECKS {
+        if stop.load(Ordering::Relaxed) {
+            return Err(Error::Stopped);
+        }
         if missed(&pattern).is_none() {
             break;
         }

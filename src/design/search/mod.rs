@@ -20,7 +20,7 @@ mod work;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use self::feasible::check_feasible;
+use self::feasible::check_feasible_until;
 use self::work::{climb, rate, scout};
 use super::config::DesignConfig;
 use super::constraints::NO_STENCIL;
@@ -181,7 +181,11 @@ impl<'a> Search<'a> {
         observer: &'a mut dyn DesignObserver,
     ) -> Result<Self> {
         config.check()?;
-        check_feasible(&config.constraints, config.dots)?;
+        match check_feasible_until(&config.constraints, config.dots, stop) {
+            // What an earlier run has found is kept.
+            Err(Error::Stopped) => {}
+            checked => checked?,
+        }
         Ok(Self {
             config,
             stop,
@@ -241,6 +245,10 @@ impl Search<'_> {
             return Ok(false);
         }
         let mut tried = self.best_tried(state, reached)?;
+        if self.stopped() {
+            self.unfinished = tried;
+            return Ok(false);
+        }
         state.pool.append(&mut tried);
         sort_by_rate(&mut state.pool);
         state.pool.truncate(POOL);
@@ -292,7 +300,7 @@ impl Search<'_> {
         }
     }
 
-    /// The best of a round by their rates, after trials of all that meet the constraints.
+    /// The best of a round by their rates, after trials of all that meet the constraints, or of those that a stop leaves time for.
     fn best_tried(
         &mut self,
         state: &mut SearchState,
@@ -303,7 +311,10 @@ impl Search<'_> {
         tried.retain(|c| c.missed.is_none());
         let seed = config.selection_seed(state.round + 1, 0);
         for candidate in &mut tried {
-            candidate.answered = Some(rate(config, candidate, seed, config.samples)?);
+            candidate.answered = rate(config, candidate, (seed, config.samples), self.stop)?;
+            if self.stopped() {
+                break;
+            }
             self.note(state, Stage::Try)?;
         }
         sort_by_rate(&mut tried);
@@ -326,7 +337,10 @@ impl Search<'_> {
             return Ok(());
         };
         let samples = MILESTONE_VIEWS * config.samples;
-        let answered = rate(config, best, config.progress_seed(), samples)?;
+        let trials = (config.progress_seed(), samples);
+        let Some(answered) = rate(config, best, trials, self.stop)? else {
+            return Ok(());
+        };
         state.milestones.push(Milestone {
             elapsed_s: Some(self.elapsed_s()),
             rounds: state.round,
@@ -335,19 +349,28 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// The last trial: the pool meets on fresh views, and each halving doubles them.
+    /// The last trial: the pool meets on fresh views, and each halving doubles them. A stop leaves the order of the last whole halving.
     fn halve(&mut self, state: &mut SearchState) -> Result<Vec<Candidate>> {
         let config = self.config;
         let mut field = state.pool.clone();
         field.append(&mut self.unfinished);
         let mut out: Vec<Candidate> = Vec::new();
         let mut halving = 0;
+        sort_by_rate(&mut field);
         while field.len() > 1 {
             let seed = config.selection_seed(0, halving);
             let samples = config.samples << halving.min(3);
-            for candidate in &mut field {
-                candidate.answered = Some(rate(config, candidate, seed, samples)?);
+            let mut rates = Vec::with_capacity(field.len());
+            for candidate in &field {
+                rates.extend(rate(config, candidate, (seed, samples), self.stop)?);
+                if self.stopped() {
+                    field.append(&mut out);
+                    return Ok(field);
+                }
                 self.note(state, Stage::Halve)?;
+            }
+            for (candidate, rate) in field.iter_mut().zip(rates) {
+                candidate.answered = Some(rate);
             }
             sort_by_rate(&mut field);
             let half = field.len() / 2;

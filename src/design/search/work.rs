@@ -16,7 +16,7 @@ use crate::design::config::DesignConfig;
 use crate::design::descent::{Cost, Descent};
 use crate::design::objective::{Evaluation, Objective, OrientationBound, basis};
 use crate::design::state::Candidate;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::{Pattern, random_pattern};
 use crate::validate::{Proportion, ValidationConfig};
@@ -198,9 +198,9 @@ fn descent<'a>(config: &DesignConfig, steps: u64, stop: &'a AtomicBool) -> Desce
 pub(super) fn rate(
     config: &DesignConfig,
     candidate: &Candidate,
-    seed: u64,
-    samples: u64,
-) -> Result<Proportion> {
+    (seed, samples): (u64, u64),
+    stop: &AtomicBool,
+) -> Result<Option<Proportion>> {
     let ball = Ball::new(candidate.pattern()?);
     let (mut successes, mut trials) = (0, 0);
     for &protocol in &config.protocols {
@@ -210,9 +210,12 @@ pub(super) fn rate(
             seed,
             samples: samples.div_ceil(config.protocols.len() as u64),
         };
-        let found = part.run(&ball, &|_| {})?.validation.answered;
+        let found = match part.run_until(&ball, Some(stop)) {
+            Err(Error::Stopped) => return Ok(None),
+            found => found?.validation.answered,
+        };
         successes += found.successes;
         trials += found.trials;
     }
-    Ok(Proportion::new(successes, trials))
+    Ok(Some(Proportion::new(successes, trials)))
 }

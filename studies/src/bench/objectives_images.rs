@@ -101,7 +101,7 @@ fn measured(dots: usize, index: usize, frames: u64) -> Outcome<Row> {
     trials.estimator.camera = CameraModel::Known(Camera::Near {
         inverse_distance: 1.0 / DISTANCE,
     });
-    let seen = trials.each_frame(&pattern, 0..frames, &|_| (), |rendering, found| {
+    let seen = trials.each_frame(&pattern, 0..frames, None, &|_| (), |rendering, found| {
         found.outline.is_some().then(|| {
             let outcome = FrameOutcome::of(found, &rendering.rotation);
             let failure = match found.pose() {

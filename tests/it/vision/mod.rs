@@ -2,6 +2,7 @@
 
 mod allocation;
 mod budget;
+mod calibrations;
 mod camera;
 mod circle;
 #[cfg(feature = "cli")]

@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spindoe::clip::{SeenOval, focal_doubt};
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
-use spindoe::image::GrayImage;
+use spindoe::image::{GrayImage, RgbImage};
 use spindoe::pattern::Pattern;
 use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{
@@ -457,6 +457,50 @@ fn outlines_contradict_focal_lengths_that_are_far_off() {
                 let words = doubt.to_string();
                 assert!(words.len() < 200 && words.lines().count() == 1, "{words}");
             }
+        }
+    }
+}
+
+/// Whatever reads a clip says that a camera is twice too long.
+#[test]
+fn every_mode_says_that_outlines_contradict_the_camera() {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = crate::common::random_pattern(20, 5);
+    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(60);
+    let mut cast = Cast::through([0.0; 4], 12.0, f64::to_radians(22.0), &mut rng);
+    let folder = dir.path().join("images");
+    std::fs::create_dir(&folder).unwrap();
+    let mut raw = Vec::new();
+    for k in 0..12 {
+        cast.rotation = Rotation::from_scaled_axis(Vec3::new(0.1, 0.25, 0.1)) * cast.rotation;
+        let gray = cast.image(&pattern, Behind::Dark, srgb, &mut rng);
+        let values = gray.values().iter().map(|v| [*v; 3]).collect();
+        let image = RgbImage::new(SIDE, SIDE, values).unwrap();
+        image.write_png(&folder.join(format!("{k}.png"))).unwrap();
+        raw.extend(image.to_bytes());
+    }
+    std::fs::write(dir.path().join("clip.raw"), raw).unwrap();
+    let Intrinsics { fx, fy, cx, cy, .. } = cast.intrinsics;
+    let size = format!("{SIDE}x{SIDE},rgb");
+    let follow = ["--follow", "clip.raw", "--raw", &size, "--fps", "120"];
+    let modes: [&[&str]; 5] = [
+        &["images", "--fps", "120"],
+        &["images", "--balls", "1", "--fps", "120"],
+        &["images", "--no-sequence"],
+        &follow,
+        &[&follow[..], &["--balls", "1"]].concat(),
+    ];
+    for mode in modes {
+        for factor in [1.0, 2.0] {
+            let k = format!("{},{},{cx},{cy}", factor * fx, factor * fy);
+            let base = ["estimate", "--table", "pattern.csv", "--intrinsics", &k];
+            let done = crate::common::spindoe(dir.path(), &[&base[..], mode].concat());
+            let words = String::from_utf8_lossy(&done.stderr);
+            assert!(done.status.success(), "{mode:?}: {words}");
+            let said = words.matches("outlines contradict the intrinsics").count();
+            let expected = usize::from(factor == 2.0);
+            assert_eq!(said, expected, "{mode:?}, f x {factor}: {words}");
         }
     }
 }

@@ -149,6 +149,35 @@ pub(super) fn of_yaml(text: &str) -> Result<Value, String> {
     Ok(builder.root.unwrap_or(Value::List(Vec::new())))
 }
 
+/// Whether a text begins as an INI file does: `[section]`, then `key=value`.
+pub(super) fn is_ini(text: &str) -> bool {
+    let mut lines = text.lines().map(str::trim).filter(|line| is_said(line));
+    let is_section = |line: &str| line.starts_with('[') && line.ends_with(']');
+    lines.next().is_some_and(is_section) && lines.next().is_some_and(|line| line.contains('='))
+}
+
+/// Whether a line of an INI file is no comment.
+fn is_said(line: &str) -> bool {
+    !line.is_empty() && !line.starts_with(['#', ';'])
+}
+
+/// The tree of an INI file, as the ZED cameras' are: a mapping for each section.
+pub(super) fn of_ini(text: &str) -> Value {
+    let mut sections: Vec<(String, Value)> = Vec::new();
+    for line in text.lines().map(str::trim).filter(|line| is_said(line)) {
+        if let Some(name) = line.strip_prefix('[') {
+            let name = name.trim_end_matches(']').to_owned();
+            sections.push((name, Value::Map(Vec::new())));
+        } else if let (Some((key, value)), Some((_, Value::Map(entries)))) =
+            (line.split_once('='), sections.last_mut())
+        {
+            let value = Value::Text(value.trim().to_owned());
+            entries.push((key.trim().to_owned(), value));
+        }
+    }
+    Value::Map(sections)
+}
+
 /// An element of XML that is being read: its name, what it holds, and its words.
 type Element = (String, Vec<(String, Value)>, String);
 

@@ -18,7 +18,7 @@ pub(super) const MATRIX: [&str; 12] = [
     "m",
 ];
 /// Those of the distortion.
-pub(super) const DISTORTION: [&str; 17] = [
+pub(super) const DISTORTION: [&str; 18] = [
     "distortioncoefficients",
     "distortioncoeffs",
     "distortioncoeff",
@@ -33,14 +33,15 @@ pub(super) const DISTORTION: [&str; 17] = [
     "dist",
     "d",
     "kc",
+    "coeffs",
     "distortion",
     "distortionparameters",
     "distortionvector",
 ];
 /// Those of the focal lengths and the principal point, in the order of a file's four numbers.
 pub(super) const FOCAL: [&[&str]; 4] = [
-    &["fx", "mu"],
-    &["fy", "mv"],
+    &["fx", "mu", "flx"],
+    &["fy", "mv", "fly"],
     &["cx", "u0", "ppx"],
     &["cy", "v0", "ppy"],
 ];
@@ -52,7 +53,7 @@ pub(super) const COEFFICIENTS: [&str; 12] = [
     "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4",
 ];
 /// The keys under which a file names its model.
-pub(super) const MODEL: [&str; 9] = [
+pub(super) const MODEL: [&str; 12] = [
     "distortionmodel",
     "cameramodel",
     "model",
@@ -62,6 +63,10 @@ pub(super) const MODEL: [&str; 9] = [
     "type",
     "distmodel",
     "cameratype",
+    "camtype",
+    "isfisheye",
+    // librealsense prints the model under this name.
+    "distortion",
 ];
 /// Images: a width and a height, or both in one.
 pub(super) const SIDES: [[&[&str]; 2]; 2] = [
@@ -71,7 +76,14 @@ pub(super) const SIDES: [[&[&str]; 2]; 2] = [
     ],
     [&["newwidth"], &["newheight"]],
 ];
-pub(super) const SIZES: [&str; 5] = ["resolution", "imagesize", "imgsize", "imgshape", "shape"];
+pub(super) const SIZES: [&str; 6] = [
+    "resolution",
+    "imagesize",
+    "imgsize",
+    "calibdimension",
+    "imgshape",
+    "shape",
+];
 /// Keys that change nothing of where a point is seen.
 pub(super) const HARMLESS: &[&str] = &[
     "imagewidth",
@@ -145,11 +157,12 @@ pub(super) const HARMLESS: &[&str] = &[
     "zerotangentdist",
     "calibrationflags",
     "newcameramatrix",
+    "fovdeg",
     "optimalcameramatrix",
 ];
 
 /// What the keys of a lens have in their names: beside a distortion that is found, only such are named.
-pub(super) const OF_LENS: [&str; 11] = [
+pub(super) const OF_LENS: [&str; 12] = [
     "dist",
     "coef",
     "lens",
@@ -161,7 +174,12 @@ pub(super) const OF_LENS: [&str; 11] = [
     "fish",
     "mirror",
     "xi",
+    "alpha",
 ];
+/// Without a size, keys with these in their names are named too.
+pub(super) const OF_SIZE: [&str; 7] = ["width", "height", "resol", "size", "dim", "cols", "rows"];
+/// Models that are none of [`Lens`]', unless all coefficients are zero.
+pub(super) const NEAR_MODELS: [&str; 2] = ["inversebrownconrady", "modifiedbrownconrady"];
 /// Models that are none of [`Lens`]'.
 pub(super) const OTHER_MODELS: [&str; 12] = [
     "fov",

@@ -1,6 +1,7 @@
 //! Files of several cameras: each under its name, or the two of a stereo rig side by side.
 
 use super::super::tree::{Value, plain};
+use super::foreign;
 use super::keys::{DISTORTION, FOCAL, MATRIX, MODEL, PARAMETERS, SIDES, SIZES, bare};
 
 /// Whether a mapping describes a camera.
@@ -18,7 +19,8 @@ fn is_camera(value: &Value) -> bool {
         .entries()
         .iter()
         .filter(|(key, _)| PARAMETERS.contains(&bare(key).as_str()));
-    value.entries().iter().any(is_matrix)
+    value.get(&foreign::KEYS).is_some()
+        || value.entries().iter().any(is_matrix)
         || has_focal(value.entries())
         || groups.any(|(_, group)| has_focal(group.entries()))
 }
@@ -33,8 +35,30 @@ pub(super) fn cameras(tree: &Value) -> Vec<(String, Value)> {
         return rig;
     }
     let own = tree.entries().iter().filter(|(_, value)| is_camera(value));
-    own.map(|(key, value)| (key.clone(), value.clone()))
+    own.map(|(key, value)| (key.clone(), within(tree, key, value)))
         .collect()
+}
+
+/// A camera within a file, with what stands beside it of its images and its model.
+fn within(tree: &Value, key: &str, camera: &Value) -> Value {
+    let mut entries = camera.entries().to_vec();
+    let beside = tree.entries().iter().filter(|(key, _)| is_shared(key));
+    entries.extend(beside.cloned());
+    let names_model = entries
+        .iter()
+        .any(|(key, _)| MODEL.contains(&bare(key).as_str()));
+    if plain(key).contains("fisheye") && !names_model {
+        entries.push(("model".to_owned(), Value::Text("fisheye".to_owned())));
+    }
+    Value::Map(entries)
+}
+
+/// Whether a key says of images or a model what may hold for several cameras.
+fn is_shared(key: &str) -> bool {
+    let bare = bare(key);
+    let is_side = || SIDES.iter().flatten().any(|n| n.contains(&bare.as_str()));
+    let is_model = || bare != "distortion" && MODEL.contains(&bare.as_str());
+    SIZES.contains(&plain(key).as_str()) || is_side() || is_model()
 }
 
 /// The cameras of a flat file of two: `M1, D1, M2, D2`, `K_left, dist_left`, `Camera1.fx`.
@@ -64,15 +88,7 @@ fn of_rig(tree: &Value) -> Vec<(String, Value)> {
         };
         let entries = tree.entries().iter().filter_map(|(key, value)| {
             let flat = key.strip_prefix(prefix).map(str::to_owned);
-            let shared = || {
-                (SIZES.contains(&plain(key).as_str())
-                    || SIDES
-                        .iter()
-                        .flatten()
-                        .any(|n| n.contains(&bare(key).as_str()))
-                    || MODEL.contains(&bare(key).as_str()))
-                .then(|| key.clone())
-            };
+            let shared = || is_shared(key).then(|| key.clone());
             Some((flat.or_else(|| own(key)).or_else(shared)?, value.clone()))
         });
         let camera = Value::Map(entries.collect());
