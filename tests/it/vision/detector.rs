@@ -156,7 +156,7 @@ fn a_second_look_answers_frames_in_doubt() {
         camera_distance_radii: [6.0, 60.0],
         ..SynthConfig::default()
     };
-    let frames = frames(&config, crate::common::few_or_all(120, 300) as u64);
+    let frames = frames(&config, 300);
     for is_given in [false, true] {
         let (mut right, mut wrong, mut lost) = ([0, 0], [0, 0], 0);
         for frame in &frames {
