@@ -163,7 +163,8 @@ fn frames_of_another_ball_and_frames_without_one_have_no_pose() {
 /// Each frame shows another ball: what agrees, agrees by chance.
 #[test]
 fn frames_of_unrelated_balls_have_no_pose_beyond_the_first() {
-    for (set, diameter_px) in [(0, 30.0), (1, 36.0), (2, 36.0), (3, 60.0)] {
+    let sets = [(0, 30.0), (3, 60.0), (1, 36.0), (2, 36.0)];
+    for (set, diameter_px) in sets.into_iter().take(crate::common::few_or_all(2, 4)) {
         let mut rng = ChaCha8Rng::seed_from_u64(590 + set);
         let frames: Vec<PaintedFrame> = (0..24)
             .map(|k| {
