@@ -621,7 +621,7 @@ fn bad_input_is_one_line_and_leaves_no_file() {
     pattern(20)
         .write_csv(&dir.path().join("pattern.csv"))
         .unwrap();
-    let cases: [(&[&str], &str); 8] = [
+    let cases: [(&[&str], &str); 9] = [
         (&["--as", "gores", "-o", "out.png"], ".svg, .pdf or .dxf"),
         (
             &["--as", "gores", "-o", "out.svg", "--keep-out", "0,0,1,60"],
