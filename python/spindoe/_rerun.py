@@ -109,7 +109,7 @@ def _log(
             stream.set_time("time", duration=time_s)
         if image is not None:
             stream.log("image", rr.Image(rgb8(image, color)))
-        # Pixels have their centers at whole numbers here, in Rerun amid them.
+        # Pixels have their centers at whole numbers here, in Rerun between them.
         is_named = frame.assignment >= 0
         stream.log(
             "image/dots",

@@ -58,8 +58,8 @@ pub struct ImageArguments {
     camera_distance_radii: Option<f64>,
     /// The camera's focal lengths and principal point in pixels, and OpenCV's distortion k1,k2,p1,p2,.. behind them; or a
     /// file of them, as OpenCV (YAML, JSON, XML, NPZ), ROS (camera_info), Kalibr, EuRoC, VINS, ORB-SLAM, COLMAP
-    /// (cameras.txt), OpenSfM, NeRF (transforms.json), librealsense, ZED or MATLAB (JSON) has it; FILE:NAME is one of several cameras, as in stereo.yml:left. Where the file says for images
-    /// of which size, it is scaled to those given. The distance then follows from the ball's size.
+    /// (cameras.txt), OpenSfM, NeRF (transforms.json), librealsense, ZED or MATLAB (JSON) has it; FILE:NAME is one of
+    /// several cameras, as in stereo.yml:left. Where the file says for images of which size, it is scaled to those given. The distance then follows from the ball's size.
     #[arg(long, value_name = "FX,FY,CX,CY|FILE", allow_negative_numbers = true)]
     intrinsics: Option<String>,
     /// Maximum number of pixels of an image.

@@ -212,7 +212,7 @@ impl Arguments {
             if self.dot_diameter_mm.is_some() {
                 let holes = config.hole_diameter_mm;
                 return refused(format!(
-                    "needs holes of {needed:.1} mm, found {holes} mm (--dot-diameter-mm)"
+                    "needs holes of {needed:.2} mm, found {holes:.2} mm (--dot-diameter-mm)"
                 ));
             }
             config.hole_diameter_mm = needed;

@@ -325,7 +325,7 @@ pub fn number_balls(
     NumberedBalls { numbers, tables }
 }
 
-/// Where balls of a sequence are missing: for each frame the outlines that those have by the frames before and after it, amid a
+/// Where balls of a sequence are missing: for each frame the outlines that those have by the frames before and after it, within a
 /// gap on the straight line between its ends, and beyond a ball's first and last frames on its path. Balls with fewer than
 /// three poses are not looked for. They are what [`BallsEstimator::look_again`](super::balls::BallsEstimator::look_again) takes.
 pub fn missing_balls(

@@ -259,8 +259,9 @@ impl CameraCheck {
         }
     }
 
-    /// Takes the next frame, by its picture's rows, and its balls; those without a pose have no say. It is taken for the next one of a clip: times say
-    /// nothing of whether it is, and single images, far from each other, are then said to be drawn out by more.
+    /// Takes the next frame, by its picture's rows, and its balls; those without a pose have no say. It is taken for the next one
+    /// of a clip: times say nothing of whether it is, and single images, far from each other, are then said to be drawn out by
+    /// more.
     pub fn push<'a>(&mut self, rows: usize, balls: impl IntoIterator<Item = &'a FrameEstimate>) {
         let mut circles = Vec::new();
         let by_poses = self.by_poses;

@@ -170,7 +170,7 @@ impl<O: BatchObserver> Pass<'_, O> {
         Ok(())
     }
 
-    /// Looks for balls that are missing amid a sequence.
+    /// Looks for balls that are missing within a sequence.
     fn find_missing(
         &self,
         estimator: &BallsEstimator,

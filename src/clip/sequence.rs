@@ -402,7 +402,7 @@ pub(crate) fn predict(
 
 /// The spin of a sequence, from the orientations of its frames: the same as that of their file ([`orientations`]).
 ///
-/// Without intrinsics it is in the view frame of a ball amid the path ([`SequenceView`](super::sequence_view::SequenceView)), else in the camera's.
+/// Without intrinsics it is in the view frame of a ball in the middle of the path ([`SequenceView`](super::sequence_view::SequenceView)), else in the camera's.
 /// Each frame has the weight of its pose's covariance; how large the deviations are altogether is
 /// estimated from the residuals, with the covariances' typical value for a prior.
 ///

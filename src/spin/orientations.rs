@@ -18,7 +18,7 @@
 //!   unknown `view` and `optical_view` ([`CameraFrame`]);
 //! - `cov_xx,cov_xy,cov_xz,cov_yy,cov_yz,cov_zz`, rad^2: the covariance of the small rotation vector, in the same frame, that leads
 //!   from the quaternion to the true orientation;
-//! - `turn_x,turn_y,turn_sd_x,turn_sd_y`, rad, of view frames only: all rows are in one view frame, that of the ball amid
+//! - `turn_x,turn_y,turn_sd_x,turn_sd_y`, rad, of view frames only: all rows are in one view frame, that of the ball in the middle of
 //!   its path; the turn from the row's own, and its deviation, one error that all rows share ([`ViewTurn`]);
 //! - `ball`, of frames with several balls: the number of the ball, one of which is read; `table`, where there were several: that of the
 //!   ball; `flash`, of exposures with several flashes, whose rows are images of one ball: rows without a flash are none of them and are passed over, and of several exposures whose times

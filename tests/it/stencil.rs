@@ -480,7 +480,7 @@ fn holes_are_sized_by_the_pen_or_as_large_as_fits() {
         (&["--pen-diameter-mm", "12"][..], "--pen-diameter-mm: "),
         (
             &["--pen-diameter-mm", "3", "--dot-diameter-mm", "3"],
-            "--pen-diameter-mm: needs holes of 3.4 mm",
+            "--pen-diameter-mm: needs holes of 3.40 mm",
         ),
     ] {
         let output = spindoe(

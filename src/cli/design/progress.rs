@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::Arguments;
-use crate::cli::output::{Progress, STEPS, left};
+use crate::cli::output::{Progress, STEPS, is_quiet, left};
 use crate::design::{DesignConfig, DesignObserver, Milestone, SearchState, Shard, Stage};
 use crate::error::Result;
 use crate::report::{DesignJob, JobObserver};
@@ -217,7 +217,7 @@ impl JobObserver for DesignProgress<'_> {
         if let Some(warning) = self.warning.take() {
             errln!("note: {warning}");
         }
-        if let Some(hint) = self.hint.take() {
+        if let Some(hint) = self.hint.take().filter(|_| !is_quiet()) {
             errln!("{hint}");
         }
     }

@@ -170,7 +170,7 @@ pub struct Arguments {
     pub(super) json: bool,
     /// Follow one ball through the frames of a pipe (- is standard input) and write a JSON line for
     /// each at once: its orientation, and the spin of the last quarter of a second. Without --fps a
-    /// frame's time is that of its arrival; frames that come faster than they can be looked at are then
+    /// frame's time is that of its arrival; frames that come faster than they can be processed are then
     /// dropped and counted.
     #[arg(long, conflicts_with_all = FILES_ONLY)]
     pub(super) follow: bool,

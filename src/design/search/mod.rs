@@ -118,7 +118,7 @@ pub fn design(
         best: winner.clone(),
         starts: state.shards.max(1) * state.round * config.starts + state.scouted.len(),
         milestones: state.milestones.clone(),
-        stopped,
+        stopped: stopped || stop.load(Ordering::Relaxed),
         finalists,
     })
 }
@@ -211,6 +211,8 @@ impl Search<'_> {
                 break;
             }
         }
+        // That of the last round, where a stop cut it.
+        self.milestone(state)?;
         Ok(true)
     }
 

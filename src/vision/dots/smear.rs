@@ -66,7 +66,7 @@ const OUTLIER_SQUARE: f64 = 25.0;
 struct Logistic {
     short: f64,
     long: f64,
-    /// The length amid the two, over the dot's diameter, and the width of the change.
+    /// The length between the two, over the dot's diameter, and the width of the change.
     half: f64,
     width: f64,
 }

@@ -28,7 +28,7 @@ fn read(name: Option<&str>, text: &str) -> spindoe::Result<Calibration> {
 fn cameras_of_other_programs_are_read() {
     let vga = Some([640.0, 480.0]);
     let full = Some([1920.0, 1080.0]);
-    let cases: [(&str, Option<&str>, &str, Right); 11] = [
+    let cases: [(&str, Option<&str>, &str, Right); 12] = [
         (
             "nerfstudio: COLMAP's pixels, whose centers lie at halves",
             None,
@@ -102,6 +102,17 @@ fn cameras_of_other_programs_are_read() {
             ),
         ),
         (
+            "ZED, the lens in a section of its own",
+            Some("RIGHT_CAM_FHD1200"),
+            "[LEFT_CAM_FHD1200]\nfx=1\nfy=1\ncx=10\ncy=10\n\n[RIGHT_CAM_FHD1200]\nfx=700.5\nfy=701.5\ncx=640.25\ncy=360.75\n\n\
+             [LEFT_DISTO]\nk1=1\n\n[RIGHT_DISTO]\nk1=-0.17\nk2=0.02\np1=0.001\np2=-0.002\nk3=0.003\n",
+            right(
+                [700.5, 701.5, 640.25, 360.75, 0.0],
+                Lens::polynomial(&[-0.17, 0.02, 0.001, -0.002, 0.003]),
+                None,
+            ),
+        ),
+        (
             "MATLAB, jsonencode(toStruct(cameraParams)): from pixel 1, rows first, the matrix transposed",
             None,
             r#"{"RadialDistortion": [-0.28, 0.09], "TangentialDistortion": [0.001, -0.002], "ImageSize": [480, 640],
@@ -161,7 +172,7 @@ fn cameras_of_other_programs_are_read() {
 fn cameras_of_other_models_are_refused_in_words() {
     let opencv =
         |more: &str| format!(r#"{{"fx": 650, "fy": 640, "cx": 320.5, "cy": 240.25, {more}}}"#);
-    let cases: [(&str, String, &str); 14] = [
+    let cases: [(&str, String, &str); 16] = [
         (
             "Metashape",
             "<?xml version=\"1.0\"?>\n<calibration>\n  <projection>frame</projection>\n  <width>640</width>\n  <height>480</height>\n  <f>650</f>\n\
@@ -230,6 +241,16 @@ fn cameras_of_other_models_are_refused_in_words() {
             "expected k5 and k6",
         ),
         (
+            "a decimal comma",
+            opencv(r#""k1": "-0,3""#),
+            "k1: expected a number",
+        ),
+        (
+            "YAML's alias of what stands elsewhere",
+            "lens: &d [0.1, 0.2, 0, 0]\nfx: 650\nfy: 640\ncx: 320.5\ncy: 240.25\ndistortion: *d\n".into(),
+            "distortion: expected",
+        ),
+        (
             "OpenSfM's spherical",
             r#"{"v2 a": {"projection_type": "spherical", "width": 640, "height": 320}}"#.into(),
             "found spherical",
@@ -265,4 +286,9 @@ fn cameras_of_other_models_are_refused_in_words() {
     let lens = Lens::polynomial(&[0.1, 0.2, 0.0, 0.0, 0.3]).expect("a lens");
     assert_eq!(read(depthai.to_owned()).lens, lens);
     assert_eq!(read(opencv(r#""skew": 1.5"#)).skew, 1.5);
+    // A product's name is no model of a lens.
+    let gyroflow = r#"{"camera_brand": "GoPro", "camera_model": "HERO8 Black", "calib_dimension": {"w": 640, "h": 480},
+        "fisheye_params": {"camera_matrix": [[650, 0, 320.5], [0, 640, 240.25], [0, 0, 1]], "distortion_coeffs": [0.1, 0.02, -0.03, 0.01]}}"#;
+    let lens = Lens::fisheye(&[0.1, 0.02, -0.03, 0.01]).expect("a lens");
+    assert_eq!(read(gyroflow.to_owned()).lens, lens);
 }

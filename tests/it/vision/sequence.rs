@@ -259,7 +259,7 @@ fn the_spin_is_as_well_known_as_its_covariance_says() {
     assert!(10 * distances.len() >= 9 * clips);
     // Somewhat too large for balls that are drawn better than most.
     assert!(median > 0.25 * MEDIAN && median < 1.3 * MEDIAN, "{median}");
-    assert!(beyond <= 3, "{beyond}");
+    assert!(beyond <= few_or_all(2, 3), "{beyond}");
 }
 
 #[test]
@@ -294,7 +294,7 @@ fn the_spin_of_a_ball_that_crosses_the_picture_is_as_well_known_as_its_covarianc
         let Ok(fit) = estimate_spin(&config, &times, &frames) else {
             continue;
         };
-        // The true spin as seen from where the ball is amid its path.
+        // The true spin as seen from where the ball is in the middle of its path.
         let view = SequenceView::of_frames(frames.iter()).expect("poses in view frames");
         let truth = &rendered[0].truth;
         // Some balls are seen by parallel rays: their view is the camera's everywhere.

@@ -3,14 +3,26 @@
 use super::super::tree::{Value, plain};
 use super::keys::SIDES;
 
-/// Keys by which such a camera is known.
-pub(super) const KEYS: [&str; 2] = ["radialdistortion", "projectiontype"];
+/// Whether a camera is one of MATLAB's, which are known by their spelling.
+fn is_matlab(camera: &Value) -> bool {
+    let mut keys = camera.entries().iter().map(|(key, _)| key.as_str());
+    keys.any(|key| key == "RadialDistortion")
+}
+
+fn is_opensfm(camera: &Value) -> bool {
+    camera.get(&["projectiontype"]).is_some()
+}
+
+/// Whether a camera is one of these.
+pub(super) fn is_foreign(camera: &Value) -> bool {
+    is_matlab(camera) || is_opensfm(camera)
+}
 
 /// A camera in OpenCV's units; as it is where nothing is to be done.
 pub(super) fn as_opencv(camera: &Value) -> std::result::Result<Value, String> {
-    if camera.get(&["projectiontype"]).is_some() {
+    if is_opensfm(camera) {
         of_opensfm(camera)
-    } else if camera.get(&["radialdistortion"]).is_some() {
+    } else if is_matlab(camera) {
         of_matlab(camera)
     } else {
         Ok(camera.clone())
@@ -51,7 +63,10 @@ fn of_matlab(camera: &Value) -> std::result::Result<Value, String> {
         return Err("expected MATLAB's K, or its FocalLength and PrincipalPoint".to_owned());
     };
     let radial = numbers("radialdistortion").unwrap_or_default();
-    let tangential = numbers("tangentialdistortion").unwrap_or(vec![0.0; 2]);
+    let tangential = match camera.get(&["tangentialdistortion"]) {
+        None => vec![0.0; 2],
+        Some(value) => value.numbers().unwrap_or_default(),
+    };
     let expected = "expected 2 or 3 of RadialDistortion and 2 of TangentialDistortion";
     let (&[p1, p2], &[k1, k2, ref k3 @ ..]) = (&tangential[..], &radial[..]) else {
         return Err(expected.to_owned());
@@ -92,14 +107,23 @@ fn of_opensfm(camera: &Value) -> std::result::Result<Value, String> {
             ));
         }
     };
-    let lens: Vec<f64> = lens.iter().map(|k| number(&[k]).unwrap_or(0.0)).collect();
+    let or_zero = |name: &str| match camera.get(&[name]) {
+        None => Ok(0.0),
+        Some(value) => value
+            .number()
+            .ok_or_else(|| format!("expected a number as {name}")),
+    };
+    let lens = lens
+        .iter()
+        .map(|k| or_zero(k))
+        .collect::<std::result::Result<Vec<f64>, _>>()?;
     let longer = width.max(height);
     let focal = number(&["focal"]);
     let [fx, fy] = ["focalx", "focaly"].map(|name| number(&[name]).or(focal));
     let (Some(fx), Some(fy)) = (fx, fy) else {
         return Err("expected OpenSfM's focal, or focal_x and focal_y".to_owned());
     };
-    let [x, y] = ["cx", "cy"].map(|name| number(&[name]).unwrap_or(0.0));
+    let (x, y) = (or_zero("cx")?, or_zero("cy")?);
     let four = [
         longer * fx,
         longer * fy,

@@ -109,14 +109,15 @@ impl Calibration {
 
     fn of_tree(path: &Path, name: Option<&str>, tree: &Value) -> Result<Self> {
         let cameras = cameras(tree);
-        let names: Vec<&str> = cameras.iter().map(|(name, _)| name.as_str()).collect();
+        let names = cameras.iter().map(|(name, _)| files::csv::shown(name));
+        let names: Vec<String> = names.collect();
         let chosen = match (cameras.as_slice(), name) {
             ([], _) => None,
             ([(_, camera)], None) => Some(camera),
             (_, None) => {
                 let problem = format!(
                     "expected one camera, found {}: FILE:{} names one",
-                    names.join(", "),
+                    listed(&names),
                     names[0]
                 );
                 return Err(Error::input(path, "cameras", problem));
@@ -126,7 +127,7 @@ impl Calibration {
                 None => {
                     let problem = format!(
                         "expected {}, found {}",
-                        names.join(" or "),
+                        listed(&names),
                         files::csv::shown(name)
                     );
                     return Err(Error::input(path, "cameras", problem));

@@ -122,7 +122,7 @@ impl<'a> Reader<'a> {
         if let Some((key, numbers)) = named {
             self.used.push(bare(&key));
             let matrix = match numbers[..] {
-                [fx, fy, cx, cy] => self.matrix_of([fx, fy, cx, cy]),
+                [fx, fy, cx, cy] => self.matrix_of([fx, fy, cx, cy])?,
                 _ => {
                     self.used.push("skew".to_owned());
                     Matrix3::from_row_slice(&numbers)
@@ -132,7 +132,7 @@ impl<'a> Reader<'a> {
         }
         let mut found = [0.0; 4];
         for (number, names) in found.iter_mut().zip(FOCAL) {
-            let Some(value) = self.single(names) else {
+            let Some(value) = self.single(names)? else {
                 let problem =
                     "expected the matrix fx s cx, 0 fy cy, 0 0 1, as OpenCV and ROS write it";
                 return self.refused("camera_matrix", problem);
@@ -144,14 +144,14 @@ impl<'a> Reader<'a> {
             found[2] -= 0.5;
             found[3] -= 0.5;
         }
-        let matrix = self.matrix_of(found);
+        let matrix = self.matrix_of(found)?;
         self.in_pixels("fx".to_owned(), matrix)
     }
 
     /// The matrix of four numbers, with the skew where the file names one.
-    fn matrix_of(&mut self, [fx, fy, cx, cy]: [f64; 4]) -> Matrix3<f64> {
-        let skew = self.single(&["skew"]).unwrap_or(0.0);
-        Matrix3::new(fx, skew, cx, 0.0, fy, cy, 0.0, 0.0, 1.0)
+    fn matrix_of(&mut self, [fx, fy, cx, cy]: [f64; 4]) -> Result<Matrix3<f64>> {
+        let skew = self.single(&["skew"])?.unwrap_or(0.0);
+        Ok(Matrix3::new(fx, skew, cx, 0.0, fy, cy, 0.0, 0.0, 1.0))
     }
 
     /// Refuses a matrix over the images' sides: no image has its middle in its first pixel.
@@ -165,21 +165,31 @@ impl<'a> Reader<'a> {
     }
 
     /// A number by its name, on the camera's own level or in a mapping of parameters.
-    fn single(&mut self, names: &[&str]) -> Option<f64> {
-        if let Some(number) = self.take(names).and_then(|(_, value)| value.number()) {
-            return Some(number);
+    fn single(&mut self, names: &[&str]) -> Result<Option<f64>> {
+        if let Some((key, value)) = self.take(names) {
+            let is_none =
+                matches!(value, Value::Text(word) if ["", "null", "~"].contains(&word.trim()));
+            return match value.number() {
+                None if !is_none => self.refused(key, "expected a number"),
+                number => Ok(number),
+            };
         }
         let mut groups = self
             .camera
             .entries()
             .iter()
             .filter(|(key, _)| PARAMETERS.contains(&bare(key).as_str()));
-        let (key, number) =
-            groups.find_map(|(key, group)| Some((key, group.get(names)?.number()?)))?;
+        let Some((key, value)) = groups.find_map(|(key, group)| Some((key, group.get(names)?)))
+        else {
+            return Ok(None);
+        };
+        let Some(number) = value.number() else {
+            return self.refused(key, "expected numbers");
+        };
         self.used.push(bare(key));
         self.used
             .extend(names.iter().map(|name| format!("{}.{name}", bare(key))));
-        Some(number)
+        Ok(Some(number))
     }
 
     /// Whether the coefficients are a fisheye's.
@@ -191,9 +201,8 @@ impl<'a> Reader<'a> {
             };
             let is_number = name == "distortion" && value.numbers().is_some();
             let (Value::Text(word), false) = (value, is_number) else {
-                if name == "distortion" {
-                    self.used.pop();
-                }
+                // No name of a model.
+                self.used.pop();
                 continue;
             };
             let is_flag = name.contains("fisheye");
@@ -206,10 +215,11 @@ impl<'a> Reader<'a> {
                 }
                 "1" | "true" | "yes" if is_flag => is_fisheye = true,
                 "0" | "false" | "no" if is_flag => {}
-                "" | "plumbbob" | "rationalpolynomial" | "radtan" | "radialtangential"
-                | "opencv" | "pinhole" | "brown" | "brownconrady" | "perspective" | "standard"
-                | "none" | "fullopencv" | "rectified" | "pinholeradtan8" | "radtan8"
-                | "simplepinhole" | "simpleradial" | "radial" => {}
+                "" if name != "distortion" => {}
+                "plumbbob" | "rationalpolynomial" | "radtan" | "radialtangential" | "opencv"
+                | "opencvstandard" | "pinhole" | "brown" | "brownconrady" | "perspective"
+                | "standard" | "none" | "fullopencv" | "rectified" | "pinholeradtan8"
+                | "radtan8" | "simplepinhole" | "simpleradial" | "radial" => {}
                 "equidistant"
                 | "fisheye"
                 | "equi"
@@ -266,7 +276,8 @@ impl<'a> Reader<'a> {
             (true, false) => vec!["k1", "k2", "k3", "k4"],
             (false, _) => COEFFICIENTS.to_vec(),
         };
-        let found: Vec<Option<f64>> = names.iter().map(|name| self.single(&[name])).collect();
+        let found = names.iter().map(|name| self.single(&[name]));
+        let found = found.collect::<Result<Vec<Option<f64>>>>()?;
         // Agisoft's, NeRF's and others' fourth is of the numerator.
         let is_rational = self.has("k5") || self.has("k6");
         if !is_fisheye && !is_rational && found[5].is_some_and(|k4| k4 != 0.0) {

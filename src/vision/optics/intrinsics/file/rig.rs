@@ -4,6 +4,21 @@ use super::super::tree::{Value, plain};
 use super::foreign;
 use super::keys::{DISTORTION, FOCAL, MATRIX, MODEL, PARAMETERS, SIDES, SIZES, bare};
 
+/// What the models of lenses have in their names.
+const LENS_WORDS: [&str; 11] = [
+    "fisheye",
+    "equi",
+    "plumb",
+    "radtan",
+    "pinhole",
+    "opencv",
+    "brown",
+    "kb",
+    "kannala",
+    "perspective",
+    "rational",
+];
+
 /// Whether a mapping describes a camera.
 fn is_camera(value: &Value) -> bool {
     let is_matrix = |(key, value): &(String, Value)| {
@@ -19,7 +34,7 @@ fn is_camera(value: &Value) -> bool {
         .entries()
         .iter()
         .filter(|(key, _)| PARAMETERS.contains(&bare(key).as_str()));
-    value.get(&foreign::KEYS).is_some()
+    foreign::is_foreign(value)
         || value.entries().iter().any(is_matrix)
         || has_focal(value.entries())
         || groups.any(|(_, group)| has_focal(group.entries()))
@@ -44,13 +59,34 @@ fn within(tree: &Value, key: &str, camera: &Value) -> Value {
     let mut entries = camera.entries().to_vec();
     let beside = tree.entries().iter().filter(|(key, _)| is_shared(key));
     entries.extend(beside.cloned());
-    let names_model = entries
-        .iter()
-        .any(|(key, _)| MODEL.contains(&bare(key).as_str()));
-    if plain(key).contains("fisheye") && !names_model {
+    entries.extend(lens_beside(tree, key, camera));
+    if plain(key).contains("fisheye") && !entries.iter().any(names_lens) {
         entries.push(("model".to_owned(), Value::Text("fisheye".to_owned())));
     }
     Value::Map(entries)
+}
+
+/// Whether an entry names a model of a lens: other models are of products, other distortions are numbers.
+fn names_lens((key, value): &(String, Value)) -> bool {
+    let (bare, is_text) = (bare(key), matches!(value, Value::Text(_)));
+    let is_of_lens = |name: &str| name.contains("dist") || name.contains("fisheye");
+    match value {
+        Value::Text(word) if LENS_WORDS.iter().any(|part| plain(word).contains(part)) => {
+            MODEL.contains(&bare.as_str())
+        }
+        _ => is_text && bare != "distortion" && is_of_lens(&bare) && MODEL.contains(&bare.as_str()),
+    }
+}
+
+/// What stands in a section of its own of a ZED camera's lens, `[LEFT_DISTO]` beside `[LEFT_CAM_HD]`.
+fn lens_beside(tree: &Value, key: &str, camera: &Value) -> Vec<(String, Value)> {
+    let key = plain(key);
+    let side = ["left", "right"].into_iter();
+    let side = side
+        .filter(|side| key.starts_with(&format!("{side}cam")))
+        .find(|_| camera.get(&["k1"]).is_none());
+    let section = side.and_then(|side| tree.get(&[&format!("{side}disto")]));
+    section.map_or(Vec::new(), |section| section.entries().to_vec())
 }
 
 /// Whether a key says of images or a model what may hold for several cameras.
@@ -91,7 +127,13 @@ fn of_rig(tree: &Value) -> Vec<(String, Value)> {
             let shared = || is_shared(key).then(|| key.clone());
             Some((flat.or_else(|| own(key)).or_else(shared)?, value.clone()))
         });
-        let camera = Value::Map(entries.collect());
+        let mut entries: Vec<(String, Value)> = entries.collect();
+        // ZED's coefficients of a fisheye.
+        if let Some(lens) = tree.get(&[&format!("d{name}fe")]) {
+            entries.push(("D".to_owned(), lens.clone()));
+            entries.push(("model".to_owned(), Value::Text("fisheye".to_owned())));
+        }
+        let camera = Value::Map(entries);
         is_camera(&camera).then(|| (name.to_owned(), camera))
     });
     cameras.collect()
