@@ -554,20 +554,38 @@ fn stickers_are_printed_beyond_their_cut() {
     };
     let drawing = stickers(&pattern(20), &config(40.0), &own).unwrap();
     let items = || drawing.pages.iter().flat_map(|page| &page.items);
-    let width = |points: &[spindoe::mark::Point]| {
+    // Middle and width along the row.
+    let across = |points: &[spindoe::mark::Point]| {
         let x = || points.iter().map(|p| p.x);
-        x().fold(f64::NEG_INFINITY, f64::max) - x().fold(f64::INFINITY, f64::min)
+        let (low, high) = (
+            x().fold(f64::INFINITY, f64::min),
+            x().fold(f64::NEG_INFINITY, f64::max),
+        );
+        (0.5 * (low + high), high - low)
     };
-    // The maps show the dots besides, smaller.
-    let printed = items().filter(|item| match &item.shape {
-        Shape::Area(points) => item.layer == Layer::Dots && (width(points) - 5.4).abs() < 0.02,
-        _ => false,
-    });
-    let cut = items().filter(|item| match &item.shape {
-        Shape::Loop(points) => item.layer == Layer::Cut && (width(points) - 4.0).abs() < 0.02,
-        _ => false,
-    });
-    assert_eq!((printed.count(), cut.count()), (20, 20));
+    for dot in 0..20 {
+        let of_dot = || items().filter(|item| item.dot == Some(dot));
+        let cut = of_dot().find_map(|item| match &item.shape {
+            Shape::Loop(points) if item.layer == Layer::Cut => Some(across(points)),
+            _ => None,
+        });
+        let (middle, width) = cut.unwrap();
+        assert!((width - 4.0).abs() < 0.02, "{dot}: cut to {width} mm");
+        // The maps show the dot besides.
+        let printed = of_dot().filter_map(|item| match &item.shape {
+            Shape::Area(points) if item.layer == Layer::Dots => Some(across(points)),
+            _ => None,
+        });
+        let sticker = printed
+            .into_iter()
+            .filter(|(own, _)| (own - middle).abs() < 0.02)
+            .map(|(_, width)| width);
+        let widths: Vec<f64> = sticker.collect();
+        assert!(
+            widths.iter().any(|width| (width - 5.4).abs() < 0.02),
+            "{dot}: {widths:?}"
+        );
+    }
 }
 
 #[test]
