@@ -127,7 +127,7 @@ impl Calibration {
                 None => {
                     let problem = format!(
                         "expected {}, found {}",
-                        listed(&names),
+                        joined(&names, " or "),
                         files::csv::shown(name)
                     );
                     return Err(Error::input(path, "cameras", problem));
@@ -243,15 +243,14 @@ fn keys_of(tree: &Value) -> Vec<String> {
 }
 
 fn listed(keys: &[String]) -> String {
-    let more = if keys.len() > MAX_NAMED { ", ..." } else { "" };
-    format!(
-        "{}{more}",
-        keys.iter()
-            .take(MAX_NAMED)
-            .cloned()
-            .collect::<Vec<_>>()
-            .join(", ")
-    )
+    joined(keys, ", ")
+}
+
+/// The first of some words, and whether there are more.
+fn joined(words: &[String], separator: &str) -> String {
+    let more = if words.len() > MAX_NAMED { ", ..." } else { "" };
+    let first = &words[..words.len().min(MAX_NAMED)];
+    format!("{}{more}", first.join(separator))
 }
 
 /// The matrices and vectors of a NumPy archive.
