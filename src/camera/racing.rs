@@ -238,7 +238,7 @@ pub fn race_patterns(
     let results = race(racers.len(), config, stop, |entry, frames| {
         let racer = &racers[entry];
         let own = trials.with_dot_diameter(racer.dot_diameter);
-        own.frames_until(racer.pattern, frames, stop, done)
+        own.frames_until(racer.pattern, frames, Some(stop), done)
     })?;
     done(results.iter().map(|result| result.spared(config)).sum());
     Ok(results)

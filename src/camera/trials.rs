@@ -64,9 +64,7 @@ impl CameraTrials {
         frames: Range<u64>,
         done: &(dyn Fn(u64) + Sync),
     ) -> Result<Vec<FrameOutcome>> {
-        self.each_frame(pattern, frames, None, done, |rendering, found| {
-            FrameOutcome::of(found, &rendering.rotation)
-        })
+        self.frames_until(pattern, frames, None, done)
     }
 
     /// As [`Self::frames`], which setting `stop` ends.
@@ -77,10 +75,10 @@ impl CameraTrials {
         &self,
         pattern: &Pattern,
         frames: Range<u64>,
-        stop: &AtomicBool,
+        stop: Option<&AtomicBool>,
         done: &(dyn Fn(u64) + Sync),
     ) -> Result<Vec<FrameOutcome>> {
-        self.each_frame(pattern, frames, Some(stop), done, |rendering, found| {
+        self.each_frame(pattern, frames, stop, done, |rendering, found| {
             FrameOutcome::of(found, &rendering.rotation)
         })
     }

@@ -30,7 +30,7 @@ pub(super) const STOPPING: &str = "stopping: what was found is evaluated and wri
 const STOPPING_SHARD: &str = "stopping: the search is kept for --resume once its work in hand is done; Ctrl-C again quits at once";
 /// Which number of dots suits which camera (docs/camera.md, "How many dots?").
 const NUMBER_OF_DOTS: &str = "20 dots: readable from 40 pixels before a dark background; --dots 40: any background from 50 pixels. \
-                              `spindoe advise` says it for your camera; `spindoe stencil dots40 -o DIR` needs no search.";
+                              `spindoe advise` says it for your camera; `spindoe stencil dots40` needs no search.";
 /// The default folder's name; a number is added where it is taken.
 const FOLDER: &str = "spindoe-design";
 

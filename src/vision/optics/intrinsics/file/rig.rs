@@ -68,14 +68,13 @@ fn within(tree: &Value, key: &str, camera: &Value) -> Value {
 
 /// Whether an entry names a model of a lens: other models are of products, other distortions are numbers.
 fn names_lens((key, value): &(String, Value)) -> bool {
-    let (bare, is_text) = (bare(key), matches!(value, Value::Text(_)));
-    let is_of_lens = |name: &str| name.contains("dist") || name.contains("fisheye");
-    match value {
-        Value::Text(word) if LENS_WORDS.iter().any(|part| plain(word).contains(part)) => {
-            MODEL.contains(&bare.as_str())
-        }
-        _ => is_text && bare != "distortion" && is_of_lens(&bare) && MODEL.contains(&bare.as_str()),
-    }
+    let Value::Text(word) = value else {
+        return false;
+    };
+    let (bare, word) = (bare(key), plain(word));
+    let is_key_of_lens = ["dist", "fisheye"].iter().any(|part| bare.contains(part));
+    let is_word_of_lens = LENS_WORDS.iter().any(|part| word.contains(part));
+    MODEL.contains(&bare.as_str()) && (is_key_of_lens && bare != "distortion" || is_word_of_lens)
 }
 
 /// What stands in a section of its own of a ZED camera's lens, `[LEFT_DISTO]` beside `[LEFT_CAM_HD]`.
