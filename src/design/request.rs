@@ -6,7 +6,7 @@ use super::config::DesignConfig;
 use super::constraints::{Constraints, KeepOut};
 use super::descent::DescentMethod;
 use super::objective::bound::BoundSummary;
-use super::objective::{Objective, ObjectiveName};
+use super::objective::{FailureRate, Objective, ObjectiveName, TooFewDots};
 use super::search::feasible::packed_separation;
 use super::views::DesignViews;
 use crate::ball::USUAL_BALL_MM;
@@ -154,12 +154,38 @@ impl DesignRequest {
     /// [`Error::Argument`] naming the field that is outside its domain, or holes so large that the
     /// dots do not fit.
     pub fn config(&self) -> Result<DesignConfig> {
+        let measured = |name, dots| {
+            let views: Vec<ViewModel> = self.protocols()?.iter().map(|p| *p.view()).collect();
+            Objective::for_views(name, &views, dots)
+        };
+        self.config_with(&measured)
+    }
+
+    /// As [`config`](Self::config) before a camera: `too_few` says how often its views of so many dots show too few,
+    /// and is asked where the objective counts that.
+    ///
+    /// # Errors
+    /// As [`config`](Self::config); those of `too_few`.
+    pub fn config_by(&self, too_few: &dyn Fn(usize) -> Result<TooFewDots>) -> Result<DesignConfig> {
+        self.config_with(&|name, dots| match name {
+            ObjectiveName::FailureRate => {
+                let rate = FailureRate::of_camera(too_few(dots)?, dots);
+                Ok(Objective::FailureRate(rate))
+            }
+            _ => Objective::for_views(name, &[], dots),
+        })
+    }
+
+    /// The whole configuration, checked before `objective` is asked: it takes thousands of trials, or frames.
+    fn config_with(
+        &self,
+        objective: &dyn Fn(ObjectiveName, usize) -> Result<Objective>,
+    ) -> Result<DesignConfig> {
         let dots = self.dot_count()?;
         let expected = format!("{MIN_DOTS} to {MAX_DOTS}");
         let inside = (MIN_DOTS..=MAX_DOTS).contains(&dots);
         require(inside, "dots", &expected, dots)?;
         let protocols = self.protocols()?;
-        let views: Vec<ViewModel> = protocols.iter().map(|p| *p.view()).collect();
         let name = self.objective.unwrap_or(ObjectiveName::for_dots(dots));
         let mut config = DesignConfig {
             dots,
@@ -187,8 +213,7 @@ impl DesignRequest {
         self.check_holes(dots)?;
         self.check_added(&config.constraints)?;
         config.check()?;
-        // Last: it takes thousands of trials.
-        config.objective = Objective::for_views(name, &views, dots)?;
+        config.objective = objective(name, dots)?;
         Ok(config)
     }
 

@@ -136,7 +136,7 @@ impl DesignJob {
     /// has the stencil of the constraints.
     pub fn of(config: DesignConfig, dir: impl Into<PathBuf>) -> Self {
         Self {
-            evaluation: EvaluationConfig::of_samples(config.samples),
+            evaluation: EvaluationConfig::of_search(&config),
             stencil: config.constraints.stencil.clone().unwrap_or_default(),
             config,
             ..Self::new(dir)
@@ -315,7 +315,10 @@ impl DesignJob {
             }
         }
         observer.step("stopped: evaluating the best so far")?;
-        let few = EvaluationConfig::of_samples(self.evaluation.samples.min(STOPPED_SAMPLES));
+        let few = EvaluationConfig::of_search(&DesignConfig {
+            samples: self.evaluation.samples.min(STOPPED_SAMPLES),
+            ..searched.clone()
+        });
         let never = AtomicBool::new(false);
         evaluate(outcome, searched, &few, &never, &mut |_| Ok(()))
     }

@@ -124,7 +124,7 @@ pub struct DesignReport {
     /// Mean distance from each feature of its table to the nearest other one, without unit: the
     /// value of the SpinDOE paper.
     pub mean_feature_distance: f64,
-    /// Rates of the winner on the report's trials: every recognizer, every protocol.
+    /// Rates of the winner on the report's trials: those of [`EvaluationConfig::rates`].
     pub validation: Vec<NamedValidation>,
     /// Of dots added to drawn ones: the rates before, by the default recognizer on the same trials.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -162,28 +162,61 @@ impl DesignReport {
 /// Configuration of the winner's evaluation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EvaluationConfig {
-    /// Trials for each recognizer and protocol.
+    /// The rates that are measured.
+    pub rates: Vec<RateKind>,
+    /// Trials for each of them.
     pub samples: u64,
     /// The sweeps; its seed is replaced by the report's.
     pub sensitivity: SensitivityConfig,
 }
 
+/// A recognizer, and the views that it is tried on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RateKind {
+    /// The recognizer.
+    pub recognizer: RecognizerName,
+    /// The views.
+    pub protocol: ProtocolName,
+}
+
 impl EvaluationConfig {
-    /// `samples` trials each, and a fifth of that for each point of the default sweeps.
-    pub fn of_samples(samples: u64) -> Self {
+    /// For the winner of a search: as many trials as each candidate had, and a fifth of that for each point of the
+    /// sweeps. The paper's recognizer is tried on the paper's views, and on all others where the search is for it.
+    pub fn of_search(config: &DesignConfig) -> Self {
+        let of = |recognizer, protocols: &[ProtocolName]| {
+            let kind = |&protocol| RateKind {
+                recognizer,
+                protocol,
+            };
+            protocols.iter().map(kind).collect::<Vec<_>>()
+        };
+        let all = &ProtocolName::ALL;
+        let usual = SensitivityConfig {
+            samples: config.samples.div_ceil(5),
+            ..SensitivityConfig::default()
+        };
+        let ours = of(RecognizerName::Robust, all);
+        let (papers, sensitivity) = match config.recognizer {
+            RecognizerName::Paper => (of(RecognizerName::Paper, all), usual),
+            RecognizerName::Robust => (
+                of(RecognizerName::Paper, &[ProtocolName::Paper]),
+                SensitivityConfig {
+                    recognizers: vec![RecognizerName::Robust],
+                    alphas: Vec::new(),
+                    ..usual
+                },
+            ),
+        };
         Self {
-            samples,
-            sensitivity: SensitivityConfig {
-                samples: samples.div_ceil(5),
-                ..SensitivityConfig::default()
-            },
+            rates: [ours, papers].concat(),
+            samples: config.samples,
+            sensitivity,
         }
     }
 
     /// How many steps [`evaluate`] names.
     pub fn steps(&self) -> usize {
-        let points = ProtocolName::ALL.len() + self.sensitivity.sigmas_deg.len();
-        RecognizerName::ALL.len() * points + self.sensitivity.alphas.len()
+        self.rates.len() + self.sensitivity.points()
     }
 
     /// Checks the numbers of trials.
@@ -197,9 +230,9 @@ impl EvaluationConfig {
 }
 
 impl Default for EvaluationConfig {
-    /// 10 000 trials each, 2 000 for each point of a sweep.
+    /// For the default search: 10 000 trials each, 2 000 for each point of a sweep.
     fn default() -> Self {
-        Self::of_samples(10_000)
+        Self::of_search(&DesignConfig::default())
     }
 }
 
@@ -231,8 +264,8 @@ pub fn evaluate(
     let pattern = &best.pattern()?.with_keep_out(zones)?;
     let mut ball = Ball::new(pattern.clone());
     let clock = Stopwatch::start();
-    let all = &RecognizerName::ALL;
-    let mut validation = validate_all(&ball, config, evaluation, all, (stop, says))?;
+    let rates = &evaluation.rates;
+    let mut validation = validate_all(&ball, config, evaluation, rates, (stop, says))?;
     let mut timing = Timing {
         validation_s: clock.elapsed().as_secs_f64(),
         us_per_identification: validation
@@ -247,9 +280,12 @@ pub fn evaluate(
     let mut before = Vec::new();
     if !drawn.is_empty() {
         let before_them = Ball::new(Pattern::new(drawn.to_vec())?);
-        let default = &[RecognizerName::Robust];
+        let ours = rates.iter().copied();
+        let ours: Vec<RateKind> = ours
+            .filter(|kind| kind.recognizer == RecognizerName::Robust)
+            .collect();
         let silent = &mut |_: &str| Ok(());
-        before = validate_all(&before_them, config, evaluation, default, (stop, silent))?;
+        before = validate_all(&before_them, config, evaluation, &ours, (stop, silent))?;
     }
     for v in validation.iter_mut().chain(&mut before) {
         v.validation = v.validation.clone().untimed();
@@ -318,29 +354,29 @@ impl Seeds {
 /// What ends a measurement, and what hears its name.
 type Ends<'a> = (&'a AtomicBool, &'a mut dyn FnMut(&str) -> Result<()>);
 
-/// Some recognizers in every protocol; the search's own protocol with the search's own values.
+/// These rates; the search's own protocols with the search's own values.
 fn validate_all(
     ball: &Ball,
     config: &DesignConfig,
     evaluation: &EvaluationConfig,
-    recognizers: &[RecognizerName],
+    rates: &[RateKind],
     (stop, says): Ends<'_>,
 ) -> Result<Vec<NamedValidation>> {
-    let (seed, samples) = (config.report_seed(), evaluation.samples);
     let mut found = Vec::new();
-    for &recognizer in recognizers {
-        for name in ProtocolName::ALL {
-            says(&format!("validating: {name}, recognizer {recognizer}"))?;
-            let own = config.protocols.iter().find(|own| own.name() == name);
-            let protocol = own.copied().unwrap_or(Protocol::standard(name));
-            let config = ValidationConfig {
-                recognizer,
-                protocol,
-                seed,
-                samples,
-            };
-            found.push(config.run_until(ball, Some(stop))?);
-        }
+    for &RateKind {
+        recognizer,
+        protocol: name,
+    } in rates
+    {
+        says(&format!("validating: {name}, recognizer {recognizer}"))?;
+        let own = config.protocols.iter().find(|own| own.name() == name);
+        let part = ValidationConfig {
+            recognizer,
+            protocol: own.copied().unwrap_or(Protocol::standard(name)),
+            seed: config.report_seed(),
+            samples: evaluation.samples,
+        };
+        found.push(part.run_until(ball, Some(stop))?);
     }
     Ok(found)
 }

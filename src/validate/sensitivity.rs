@@ -37,7 +37,9 @@ impl SweptParameter {
 /// Which values are swept, and on how many trials.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SensitivityConfig {
-    /// Noise of a dot, degrees, for both recognizers.
+    /// The recognizers that the noise is swept for.
+    pub recognizers: Vec<RecognizerName>,
+    /// Noise of a dot, degrees.
     pub sigmas_deg: Vec<f64>,
     /// Values of alpha, for the paper's recognizer at the protocol's own noise.
     pub alphas: Vec<f64>,
@@ -48,15 +50,23 @@ pub struct SensitivityConfig {
 }
 
 impl Default for SensitivityConfig {
-    /// 1 to 10 degrees in steps of one; alpha from 0.003 to 1 in half decades; 2 000 trials, seed
+    /// Both recognizers; 1 to 10 degrees in steps of one; alpha from 0.003 to 1 in half decades; 2 000 trials, seed
     /// 0.
     fn default() -> Self {
         Self {
+            recognizers: RecognizerName::ALL.to_vec(),
             sigmas_deg: (1..=10).map(f64::from).collect(),
             alphas: vec![0.003, 0.01, 0.03, 0.1, 0.3, 1.0],
             samples: 2_000,
             seed: 0,
         }
+    }
+}
+
+impl SensitivityConfig {
+    /// How many points [`sensitivity`] measures.
+    pub fn points(&self) -> usize {
+        self.recognizers.len() * self.sigmas_deg.len() + self.alphas.len()
     }
 }
 
@@ -111,7 +121,7 @@ pub fn sensitivity(
         points.push(point);
         Ok(())
     };
-    for recognizer in RecognizerName::ALL {
+    for &recognizer in &config.recognizers {
         for &sigma in &config.sigmas_deg {
             let own = protocol.with_sigma_rad(sigma.to_radians());
             let found = at(recognizer, own).run_until(ball, stop)?;

@@ -16,10 +16,10 @@ use crate::cli::camera::CameraSource;
 use crate::cli::output::Counter;
 use crate::cli::output::{command_line, one_of, quoted};
 use crate::cli::pattern::MIN_DOT_PX;
-#[cfg(feature = "vision")]
-use crate::design::Objective;
 use crate::design::constraints::max_separation;
 use crate::design::objective::PARTS;
+#[cfg(feature = "vision")]
+use crate::design::objective::TooFewDots;
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{
     DescentMethod, DesignConfig, DesignRequest, DesignViews, KeepOut, ObjectiveName, Shard,
@@ -186,6 +186,10 @@ pub struct Arguments {
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "dark|any|CAMERA.toml")]
     pub(super) camera: Option<CameraSource>,
+    /// How often its views show too few dots, where that is known for this number of them.
+    #[cfg(feature = "vision")]
+    #[arg(skip)]
+    pub(super) too_few: Option<TooFewDots>,
     /// Frames of the camera for each pattern that is not clearly worse than another, of which half choose and half
     /// measure; some 15 ms a frame and core, in any surroundings some 30.
     #[cfg(feature = "vision")]
@@ -313,22 +317,27 @@ impl Arguments {
 
     /// The configuration of the search; how often views show too few dots is that of the camera, where one is given.
     pub(super) fn config(&self) -> Result<DesignConfig> {
-        #[cfg_attr(not(feature = "vision"), expect(unused_mut))]
-        let mut config = self.whole_request()?.config()?;
+        let request = self.whole_request()?;
         #[cfg(feature = "vision")]
-        if let (Objective::FailureRate(objective), Some(camera)) =
-            (&mut config.objective, &self.camera)
-        {
-            use crate::camera::{COVERAGE_FRAMES, coverage};
-
-            let conditions = super::camera::conditions(camera, &self.stencil())?;
-            let counter = Counter::new(COVERAGE_FRAMES, "frames of the camera");
-            let measured = coverage(&conditions, config.dots, &|n| counter.add(n))?;
-            counter.finish();
-            objective.too_few = vec![measured];
-            objective.confusion_weight = crate::design::objective::failure_rate::WEIGHT_EACH;
+        if let Some(camera) = &self.camera {
+            return request.config_by(&|dots| self.coverage(camera, dots));
         }
-        Ok(config)
+        request.config()
+    }
+
+    /// How often the camera's views of so many dots show too few.
+    #[cfg(feature = "vision")]
+    fn coverage(&self, camera: &CameraSource, dots: usize) -> Result<TooFewDots> {
+        use crate::camera::{COVERAGE_FRAMES, coverage};
+
+        if let Some(known) = self.too_few {
+            return Ok(known);
+        }
+        let conditions = super::camera::conditions(camera, &self.stencil())?;
+        let counter = Counter::new(COVERAGE_FRAMES, "frames of the camera");
+        let measured = coverage(&conditions, dots, &|n| counter.add(n))?;
+        counter.finish();
+        Ok(measured)
     }
 
     /// A warning where the camera sees the dots so small that its detector misses many.

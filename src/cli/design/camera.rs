@@ -20,7 +20,7 @@ use crate::cli::output::Progress;
 use crate::design::search::feasible::packed_separation;
 use crate::design::state::Checkpoint;
 use crate::design::{
-    CameraRequest, Candidate, DesignConfig, DesignObserver, SearchState, Stage, design,
+    CameraRequest, Candidate, DesignConfig, DesignObserver, Objective, SearchState, Stage, design,
 };
 use crate::error::{Error, Result};
 use crate::files;
@@ -30,8 +30,9 @@ use crate::stencil::StencilConfig;
 
 /// Numbers of dots that are tried.
 const DOTS: [usize; 6] = [16, 20, 24, 28, 32, 40];
-/// Starts of each brief search.
+/// Starts of each brief search, and trials of each of its candidates: frames choose among the numbers of dots.
 const STARTS: usize = 4;
+const SAMPLES: u64 = 2_000;
 /// Frames of each pattern in the choice and of each finalist in the ranking, of which half choose and half
 /// measure. With them the whole takes some 4 minutes of CPU in any surroundings, 30 ms a frame.
 pub(super) const FRAMES: u64 = 512;
@@ -167,8 +168,7 @@ fn choose(
     let Some(best) = best else {
         return Err(Error::Internal("no number of dots was tried".into()));
     };
-    settled.arguments.dots = best.arguments.dots;
-    settled.arguments.dot_diameter_mm = best.arguments.dot_diameter_mm;
+    settled.arguments = best.arguments.clone();
     if stop.load(Ordering::Relaxed) {
         settled.best_so_far = Some(best.finalists.clone());
     }
@@ -336,9 +336,13 @@ fn brief_searches(
             .get_or_insert_with(|| hole_for(dots, arguments));
         let clock = Instant::now();
         let found = tried.config().and_then(|config| {
+            if let Objective::FailureRate(rate) = &config.objective {
+                tried.too_few = rate.too_few.first().copied();
+            }
             let config = DesignConfig {
                 starts: STARTS.min(arguments.starts),
                 rounds: 1,
+                samples: SAMPLES.min(config.samples),
                 ..config
             };
             design(&config, &mut SearchState::default(), stop, line)

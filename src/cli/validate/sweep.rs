@@ -21,11 +21,11 @@ pub(super) fn run(arguments: &Arguments, ball: &Ball) -> Result<()> {
             .samples
             .unwrap_or(SensitivityConfig::default().samples),
         seed: arguments.seed,
+        ..SensitivityConfig::default()
     };
     let set = arguments.begin()?;
     let protocol = arguments.protocol();
-    let count = 2 * config.sigmas_deg.len() + config.alphas.len();
-    let counter = Counter::new(count as u64, "points");
+    let counter = Counter::new(config.points() as u64, "points");
     let points = sensitivity(ball, &protocol, &config, None, &mut |_| {
         counter.add(1);
         Ok(())

@@ -80,6 +80,15 @@ impl FailureRate {
         })
     }
 
+    /// For a camera's views of patterns of so many dots.
+    pub fn of_camera(too_few: TooFewDots, dots: usize) -> Self {
+        Self {
+            too_few: vec![too_few],
+            confusion: (dots <= MAX_DOTS).then(Confusion::default),
+            confusion_weight: WEIGHT_EACH,
+        }
+    }
+
     /// The expected rate, a fraction (as confusion is a bound, it may exceed 1), and its derivative.
     pub fn evaluate(&self, dots: &[Vec3]) -> Evaluation {
         let mut at = Evaluation {
