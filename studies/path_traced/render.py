@@ -85,7 +85,8 @@ def main() -> None:
     if args.output.exists():
         raise SystemExit(f"{args.output}: exists; name a folder that does not")
     pattern = np.loadtxt(args.pattern, delimiter=",")
-    pattern /= np.linalg.norm(pattern, axis=-1, keepdims=True)
+    if not np.allclose(np.linalg.norm(pattern, axis=-1), 1, atol=1e-9):
+        raise SystemExit(f"{args.pattern}: rows x,y,z of unit length are expected")
     placement = np.radians(args.placement_sigma_deg)
     camera = folder_camera(args.seed, args.kind, args.ball_px)
     for part in ("whole", "crops"):

@@ -6,7 +6,8 @@ reads in each folder truth.json (of render.py or of `spindoe synth`) and the nam
 (`-o`), and prints a row for each kind and size; balls with bright dots, which the estimator does not look for, apart. An answer is right within 20 degrees, as everywhere in the project; of pictures without the pattern
 every answer is wrong. Rates have their Wilson 95 % intervals. Errors are those of right answers. "in the 95 % region"
 is the share of right answers whose squared Mahalanobis distance is below the chi-square limit of three degrees of
-freedom. Outlines are compared where the result has them (JSON).
+freedom. Outlines are compared where the result has them (JSON, no intrinsics given): centers, and the radius with the
+ellipse's shorter half axis, which it stands for.
 """
 
 from __future__ import annotations
@@ -94,10 +95,11 @@ def judge(row: Row, truth: dict[str, Any], answer: Answer | None) -> None:
     row.errors_deg.append(float(degrees))
     if answer.covariance is not None:
         row.chi2.append(float(error @ np.linalg.solve(answer.covariance, error)))
-    if answer.circle is not None:
+    # With intrinsics the result's circle is that of the ball seen along the axis, which the picture does not show.
+    if answer.circle is not None and answer.is_view:
         u, v, radius = answer.circle
         off = np.hypot(u - truth["center"]["u"], v - truth["center"]["v"])
-        row.off_px.append((float(off), radius - truth["radius_px"]))
+        row.off_px.append((float(off), radius - min(truth["outline"]["half_axes_px"])))
 
 
 def share(count: int, total: int) -> str:
