@@ -60,7 +60,9 @@ def cap(direction: np.ndarray, radius: float) -> np.ndarray:
 def predicted(fields: dict, pattern: np.ndarray, dot: dict) -> np.ndarray:
     """A dot's centroid in the picture by the truth's fields alone."""
     k, (w, x, y, z) = fields["intrinsics"], fields["camera_quaternion_wxyz"]
-    ray = np.array([(fields["ball_center"]["u"] - k["cx"]) / k["fx"], (k["cy"] - fields["ball_center"]["v"]) / k["fy"], -1])
+    ray = np.array(
+        [(fields["ball_center"]["u"] - k["cx"]) / k["fx"], (k["cy"] - fields["ball_center"]["v"]) / k["fy"], -1]
+    )
     center = fields["distance"] * ray / np.linalg.norm(ray)
     normals = Rotation.from_quat([x, y, z, w]).apply(cap(pattern[dot["index"]], dot["radius_rad"]))
     points = center + normals
@@ -120,9 +122,12 @@ def main() -> None:
             fields = json.loads((Path(folder) / "truth.json").read_text())["frames"][0]
         off = dots_off(scene, camera, box, fields, pattern)
         center, radius = outline_off(scene, camera, box, fields)
-        print(f"distance {fields['distance']:.1f} radii, center at {fields['center']['u']:.0f}, {fields['center']['v']:.0f}: "
-              f"{len(off)} dots off by {np.median(off):.3f} px in the median, {max(off):.3f} at most; "
-              f"outline's center by {center:.3f}, radius by {radius:+.4f} px")  # fmt: skip
+        place = f"{fields['center']['u']:.0f}, {fields['center']['v']:.0f}"
+        print(
+            f"distance {fields['distance']:.1f} radii, center at {place}: "
+            f"{len(off)} dots off by {np.median(off):.3f} px in the median, {max(off):.3f} at most; "
+            f"outline's center by {center:.3f}, radius by {radius:+.4f} px"
+        )
         worst = max(worst, max(off), center, abs(radius))
     if worst > LIMIT_PX:
         raise SystemExit(f"off by {worst:.3f} px, expected {LIMIT_PX} at most")

@@ -43,7 +43,9 @@ def add_cap(bitmap: Bitmap, direction: NDArray, radius: float, color: NDArray, i
     half = width // 2 if np.sin(reach) >= sine else int(np.arcsin(np.sin(reach) / sine) / texel) + 2
     first = int(np.arctan2(direction[1], direction[0]) / texel) - half
     columns = np.arange(first, first + min(width, 2 * half + 1)) % width
-    across = 2.0 * np.arcsin(np.clip(np.linalg.norm(directions(rows, columns, width, height) - direction, axis=-1) / 2, 0, 1))
+    across = 2.0 * np.arcsin(
+        np.clip(np.linalg.norm(directions(rows, columns, width, height) - direction, axis=-1) / 2, 0, 1)
+    )
     cover = np.clip((radius - across) / texel + 0.5, 0, 1)
     if inner > 0.0:
         cover *= np.clip((across - inner) / texel + 0.5, 0, 1)
@@ -77,7 +79,9 @@ def ball(rng: np.random.Generator, height: int, base: NDArray, dots: Dots | None
     for _ in range(stripes):
         middle = rng.standard_normal(3)
         radius = rng.uniform(0.3, 1.5)
-        add_cap(bitmap, middle / np.linalg.norm(middle), radius, rng.uniform(0.02, 0.6, 3), radius - rng.uniform(0.05, 0.3))
+        add_cap(
+            bitmap, middle / np.linalg.norm(middle), radius, rng.uniform(0.02, 0.6, 3), radius - rng.uniform(0.05, 0.3)
+        )
     if dots is not None:
         for direction, radius in zip(dots.directions, dots.radii_rad, strict=True):
             add_cap(bitmap, direction, radius, dots.ink)

@@ -46,7 +46,9 @@ def ball_mask(scene: Scene, camera: Camera) -> np.ndarray:
     return np.hypot(u - seen.u, v - seen.v) < seen.radius_px
 
 
-def frame(out: Path, k: int, scene: Scene, camera: Camera, rng: np.random.Generator, samples: int | None) -> tuple[dict, dict]:
+def frame(
+    out: Path, k: int, scene: Scene, camera: Camera, rng: np.random.Generator, samples: int | None
+) -> tuple[dict, dict]:
     """Renders a frame and writes it, whole and cropped; the truth of both."""
     box = crop_box(scene, camera, rng)
     if samples is None:
@@ -72,7 +74,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--ball-px", type=float, help="diameter; at random where not given (near: by the distance)")
     parser.add_argument("--frames", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--pattern", type=Path, default=Path(__file__).resolve().parents[2] / "designs/dots20/pattern.csv")
+    parser.add_argument(
+        "--pattern", type=Path, default=Path(__file__).resolve().parents[2] / "designs/dots20/pattern.csv"
+    )
     parser.add_argument("--placement-sigma-deg", type=float, default=0.0, help="of the dots as drawn, along an axis")
     parser.add_argument("--samples", type=int, help="a pixel of the ball")
     parser.add_argument("--clean", action="store_true", help="a ball at rest, a perfect sensor: to check the geometry")

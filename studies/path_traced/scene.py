@@ -99,7 +99,7 @@ def rgb(values: Any) -> dict[str, Any]:
 
 def lights(rng: np.random.Generator, center: Array, textured: float) -> list[dict[str, Any]]:
     """One to three lamps on the camera's side of the ball, and light from all around."""
-    found = []
+    found: list[dict[str, Any]] = []
     back = -center / np.linalg.norm(center)
     while len(found) < rng.integers(1, 4):
         towards = rng.standard_normal(3) + [0, 0.6, 0]
@@ -129,7 +129,9 @@ def lights(rng: np.random.Generator, center: Array, textured: float) -> list[dic
     return [*found, {"type": "envmap", "pixels": (room[..., None] * tint).astype(np.float32)}]
 
 
-def walls(rng: np.random.Generator, camera: Camera, center: Array, albedo: float, contrast: float) -> list[dict[str, Any]]:
+def walls(
+    rng: np.random.Generator, camera: Camera, center: Array, albedo: float, contrast: float
+) -> list[dict[str, Any]]:
     """A wall behind the ball, every other time with a floor below it."""
     behind = center * (1 + rng.uniform(3, 12) / np.linalg.norm(center))
     half = -behind[2] * WIDTH / camera.focal_px
@@ -195,12 +197,18 @@ def hand(rng: np.random.Generator, center: Array) -> list[dict[str, Any]]:
         middle = tip + rng.uniform(1.0, 1.6) * outward
         end = middle + 5.0 * (outward + 0.3 * rng.standard_normal() * back)
         for a, b in ((tip, middle), (middle, end)):
-            found.append({"type": "cylinder", "at": a.tolist(), "end": b.tolist(), "scale": float(thick), "color": skin})
-            found.append({"type": "sphere", "at": a.tolist(), "scale": float(thick), "color": skin, "tilt_deg": [0.0, 0.0]})
+            found.append(
+                {"type": "cylinder", "at": a.tolist(), "end": b.tolist(), "scale": float(thick), "color": skin}
+            )
+            found.append(
+                {"type": "sphere", "at": a.tolist(), "scale": float(thick), "color": skin, "tilt_deg": [0.0, 0.0]}
+            )
     return found
 
 
-def draw(seed: int, kind: str, frame: int, camera: Camera, ball_px: float | None, pattern: Array, placement_rad: float) -> Scene:
+def draw(
+    seed: int, kind: str, frame: int, camera: Camera, ball_px: float | None, pattern: Array, placement_rad: float
+) -> Scene:
     """Frame `frame` of a folder's seed."""
     rng = stream(seed, kind, frame, 0)
     center = ball_place(rng, kind, camera, ball_px)

@@ -3,11 +3,12 @@
     python score.py nothing.json traced/*/*/whole
 
 reads in each folder truth.json (of render.py or of `spindoe synth`) and the named result, JSON (`--json`) or CSV
-(`-o`), and prints a row for each kind and size; balls with bright dots, which the estimator does not look for, apart. An answer is right within 20 degrees, as everywhere in the project; of pictures without the pattern
-every answer is wrong. Rates have their Wilson 95 % intervals. Errors are those of right answers. "in the 95 % region"
-is the share of right answers whose squared Mahalanobis distance is below the chi-square limit of three degrees of
-freedom. Outlines are compared where the result has them (JSON, no intrinsics given): centers, and the radius with the
-ellipse's shorter half axis, which it stands for.
+(`-o`), and prints a row for each kind and size; balls with bright dots, which the estimator does not look for, apart.
+An answer is right within 20 degrees, as everywhere in the project; of pictures without the pattern every answer is
+wrong. Rates have their Wilson 95 % intervals. Errors are those of right answers. "in the 95 % region" is the share of
+right answers whose squared Mahalanobis distance is below the chi-square limit of three degrees of freedom. Outlines are
+compared where the result has them (JSON, no intrinsics given): centers, and the radius with the ellipse's shorter half
+axis, which it stands for.
 """
 
 from __future__ import annotations
@@ -161,7 +162,11 @@ def main() -> None:
             is_bright = frame.get("ink") == "bright"
             row = rows[f"{made['kind']}, bright dots" if is_bright else name]
             judge(row, frame, found.get(Path(frame["image"]).stem))
-    for line in (HEADINGS, ["---"] * len(HEADINGS), *(cells(name, row) for name, row in sorted(rows.items(), key=rank))):
+    for line in (
+        HEADINGS,
+        ["---"] * len(HEADINGS),
+        *(cells(name, row) for name, row in sorted(rows.items(), key=rank)),
+    ):
         print("| " + " | ".join(line) + " |")
 
 

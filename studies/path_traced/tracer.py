@@ -144,7 +144,13 @@ def light(scene: Scene, camera: Camera, box: Box, samples: int, around: int, see
     x, y, width, height = near
     v, u = np.mgrid[0:height, 0:width]
     inwards = np.full((height, width), np.inf)
-    for is_border, distance in ((x == 0, u), (y == 0, v), (x + width == camera.width, width - 1 - u), (y + height == camera.height, height - 1 - v)):
+    # From the picture's own borders nothing fades.
+    for distance, is_border in (
+        (u, x == 0),
+        (v, y == 0),
+        (width - 1 - u, x + width == camera.width),
+        (height - 1 - v, y + height == camera.height),
+    ):
         inwards = inwards if is_border else np.minimum(inwards, distance)
     part = picture[y : y + height, x : x + width]
     part += np.clip((inwards + 1) / MARGIN_PX, 0, 1)[..., None] * (sharp - part) if around else sharp - part

@@ -86,7 +86,11 @@ def frame_truth(name: str, scene: Scene, camera: Camera, built: Any) -> dict[str
         "exposure_s": scene.exposure_s,
         "center": {"u": seen.u, "v": seen.v},
         "radius_px": seen.radius_px,
-        "outline": {"center": {"u": seen.u, "v": seen.v}, "half_axes_px": list(seen.half_axes_px), "angle_rad": seen.angle_rad},
+        "outline": {
+            "center": {"u": seen.u, "v": seen.v},
+            "half_axes_px": list(seen.half_axes_px),
+            "angle_rad": seen.angle_rad,
+        },
         "ball_center": pixel(camera.project(scene.center)),
         "intrinsics": {"fx": camera.focal_px, "fy": camera.focal_px, "cx": camera.cx, "cy": camera.cy},
         "distance": float(np.linalg.norm(scene.center)),
