@@ -227,10 +227,8 @@ fn a_mirrored_stream_is_read_as_its_camera_saw_it() {
         let stream = bytes.collect::<Vec<_>>().concat();
         std::fs::write(dir.path().join("stream"), stream).unwrap();
         let table = format!("{name}/table.npz");
-        let follow = [
-            "estimate", "--table", &table, "--follow", "stream", "--fps", "350",
-        ];
-        let text = done(dir.path(), &[&follow[..], flags].concat());
+        let live = ["live", "--table", &table, "stream", "--fps", "350"];
+        let text = done(dir.path(), &[&live[..], flags].concat());
         let frame = |line: &str| {
             let mut json: Value = serde_json::from_str(line).unwrap();
             json["latency_ms"] = Value::Null;

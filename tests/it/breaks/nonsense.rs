@@ -59,7 +59,6 @@ fn refusals_are_one_short_line_before_any_work() {
         &[
             "validate",
             "p.csv",
-            "--sweep=alpha",
             "-o",
             "s",
             "--config=sweep_alpha=1,-1",
