@@ -35,7 +35,7 @@ pub struct ImageArguments {
     /// It is detected where it is not given.
     #[arg(long, value_name = "U,V,R|CSV", allow_hyphen_values = true)]
     circle: Option<String>,
-    /// The part of each frame that is searched: its first column and row, its columns and rows [default: the whole frame].
+    /// The part of each frame to search: its first column and row, its columns and rows [default: all].
     #[arg(
         long,
         value_name = "X,Y,WIDTH,HEIGHT",

@@ -134,7 +134,7 @@ const WIDTH: usize = 80;
 const NAMES: usize = 30;
 /// Examples that it shows at most: the rest is in `spindoe help`.
 const EXAMPLES: usize = 5;
-/// Flags of `estimate` that are settings of these, which hardly anyone needs there.
+/// Flags of `estimate` that are settings of these, which few need there.
 const SETTINGS: [(&str, &[&str]); 2] = [
     ("live", &["circle", "camera_distance_radii", "max_spin_rps"]),
     ("calibrate", &["circle", "camera_distance_radii"]),

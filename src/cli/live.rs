@@ -33,7 +33,7 @@ One ball is followed from frame to frame; a line has its orientation, and the sp
 and latency_ms, the time from the frame's arrival to its line.
 
 Without --fps a frame's time is that of its arrival; frames that come faster than they can be processed are then dropped
-and counted. A file that grows, or one that is whole, needs --fps. The end of the input ends the command.
+and counted. A file needs --fps; of one that grows, `tail -c +1 -f FILE` makes a pipe. The end of the input ends the command.
 
 Examples:
   ffmpeg -i CAMERA -f rawvideo -pix_fmt gray - |

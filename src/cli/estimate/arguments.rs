@@ -86,8 +86,8 @@ pub struct Arguments {
         allow_negative_numbers = true
     )]
     pub(super) exposure_ms: Option<f64>,
-    /// Rolling shutter: time from the exposure of a picture's first row to that of its last, milliseconds (phones 8 to 33), for whole
-    /// pictures, not crops. Times and orientations are then those at which the ball's center is exposed, and the rows settle how many
+    /// Rolling shutter, first row to last, milliseconds: the time from the exposure of a picture's first row to that of its last (phones 8
+    /// to 33), for whole pictures, not crops. Times and orientations are then those at which the ball's center is exposed, and the rows settle how many
     /// whole turns lie between two frames.
     #[arg(
         long,

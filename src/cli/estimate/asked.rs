@@ -25,8 +25,8 @@ pub enum Preset {
 
 #[derive(Debug, Args)]
 pub struct Asked {
-    /// The ball, by a shipped pattern's name (dots20), a table, a pattern or a folder. A table is an .npz, a pattern a CSV of unit vectors
-    /// x,y,z, a folder that of a design or calibration; for `estimate` the surface of a painted ball (--write-surface) will do. Of
+    /// The ball as a name, table, pattern or folder: the name of a shipped pattern (dots20), a table (.npz), a pattern (CSV of unit vectors
+    /// x,y,z), the folder of a design or calibration; for `estimate` the surface of a painted ball (--write-surface), too. Of
     /// several the one that fits all frames best is chosen.
     #[arg(long, value_name = "TABLE.npz")]
     pub table: Vec<PathBuf>,
@@ -40,7 +40,7 @@ pub struct Asked {
     /// Pixels in the output are those of the images so exchanged, and --intrinsics those of a camera that takes such.
     #[arg(long)]
     pub mirrored: bool,
-    /// Minimum probability of a reported orientation, 0 to 1.
+    /// Minimum confidence to report: the probability that an orientation is right, 0 to 1.
     #[arg(
         long,
         value_name = "P",
@@ -52,7 +52,7 @@ pub struct Asked {
     /// axis, degrees. The dots of a calibrated table have their own [default: 1.2].
     #[arg(hide = true, long, value_name = "S", allow_negative_numbers = true)]
     pub placement_sigma_deg: Option<f64>,
-    /// Maximum spin considered, revolutions per second [default: 175; with --preset golf 250].
+    /// Maximum spin considered: revolutions per second [default: 175; with --preset golf 250].
     #[arg(long, value_name = "RPS", allow_negative_numbers = true)]
     pub max_spin_rps: Option<f64>,
     /// All balls of every frame: so many, or auto, as many as there are. Each has its own row, with a column ball, whose number it
@@ -64,7 +64,7 @@ pub struct Asked {
         conflicts_with = "circle"
     )]
     pub balls: Option<balls::Count>,
-    /// Flashes of one exposure, milliseconds, ascending, or PERIODxN, as in 0.7x3: a frame shows one ball once for each flash, and its spin follows from these
+    /// Flashes of one exposure, milliseconds: ascending, or PERIODxN, as in 0.7x3. A frame shows one ball once for each flash, and its spin follows from these
     /// images alone. Rows have the times of their flashes and a column flash.
     #[arg(
         long,

@@ -366,7 +366,7 @@ fn numbers_without_meaning_are_refused_by_name() {
         ),
         (
             "estimate --table p.csv 1.png --weights w.npz",
-            "--weights: is no flag; expected --config weights=VALUE",
+            "weights: is no flag; expected --config weights=VALUE",
         ),
         (
             "calibrate --table p.csv 1.png --config search_sigma_deg=1e-308",
