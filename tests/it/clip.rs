@@ -100,7 +100,10 @@ fn two_balls(dir: &Path) {
         "20",
     ];
     done(dir, &[&make[..], &["-o", "two"]].concat());
-    done(dir, &[&make[..], &["--mirrored", "-o", "flipped"]].concat());
+    done(
+        dir,
+        &[&make[..], &["--config=mirrored=true", "-o", "flipped"]].concat(),
+    );
 }
 
 const TABLES: [&str; 7] = [
@@ -217,7 +220,7 @@ fn a_mirrored_stream_is_read_as_its_camera_saw_it() {
         let mirror = if flags.is_empty() {
             &[][..]
         } else {
-            &["--mirrored"]
+            &["--config=mirrored=true"]
         };
         done(dir.path(), &[&make[..], mirror].concat());
         let images = std::fs::read_dir(dir.path().join(name).join("images")).unwrap();

@@ -95,8 +95,16 @@ impl PageStencil {
             let bounds = m.bounding_box();
             [0, 1, 2].map(|i| rounded(bounds.max_mm[i] - bounds.min_mm[i]))
         };
-        let config = StencilConfig::deserialize(&file.parameters)
-            .map_err(|e| Error::input(&path, "parameters", e.to_string()))?;
+        let number = |name: &str| {
+            let found = file.parameters.get(name).and_then(Value::as_f64);
+            found.ok_or_else(|| Error::input(&path, name, "expected a number"))
+        };
+        let config = StencilConfig {
+            ball_diameter_mm: number("ball_diameter_mm")?,
+            clearance_mm: number("clearance_mm")?,
+            wall_mm: number("wall_mm")?,
+            ..StencilConfig::default()
+        };
         let q = &file.rotation_pattern_to_stencil;
         Ok(Some(Self {
             boxes: [sides(&a), sides(&b)],
