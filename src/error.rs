@@ -230,6 +230,7 @@ fn value_end(text: &str, first: char) -> usize {
 }
 
 /// A number with its noun, which agrees with it.
+#[cfg(feature = "vision")]
 pub(crate) fn counted(count: usize, noun: &str) -> String {
     let ending = if count == 1 { "" } else { "s" };
     format!("{count} {noun}{ending}")

@@ -15,7 +15,7 @@ use crate::calibrate::{
     SurfaceMark, held_out_with,
 };
 use crate::concurrency::StopFlag;
-use crate::error::{Result, counted};
+use crate::error::Result;
 use crate::files;
 use crate::geometry::{Vec3, angle_between, tangent_frame};
 use crate::pattern::Pattern;
@@ -525,7 +525,7 @@ impl CalibrationReport {
             label: mark.mark.map_or("mark".to_owned(), |n| format!("mark {n}")),
         });
         let measured = self.dots.iter().filter(|d| d.state == DotState::Measured);
-        let measured = counted(measured.count(), "dot");
+        let measured = crate::error::counted(measured.count(), "dot");
         // What is built from the clip has no places that were meant.
         let title = match self.nominal_sha256 {
             Some(_) => format!(
