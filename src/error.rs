@@ -229,6 +229,13 @@ fn value_end(text: &str, first: char) -> usize {
     text.find(char::is_whitespace).unwrap_or(text.len())
 }
 
+/// A number with its noun, which agrees with it.
+#[cfg(feature = "vision")]
+pub(crate) fn counted(count: usize, noun: &str) -> String {
+    let ending = if count == 1 { "" } else { "s" };
+    format!("{count} {noun}{ending}")
+}
+
 /// The parameter that an [`Error::Argument`] is about, named as the library names it: the field or
 /// argument in snake case with its unit, such as `min_separation_rad`. The command maps it to its
 /// flag.

@@ -54,7 +54,7 @@ def main() -> None:
         theirs = importlib.import_module("baygeohasher")
         hashers["theirs"] = theirs.BayGeoHasher()
     else:
-        hashers["spindoe.compat, paper"] = BayGeoHasher(recognizer="paper")
+        hashers["spindoe.compat, paper"] = BayGeoHasher(recognizer="voting")
     for hasher in hashers.values():
         hasher.gen_hash_table(pattern)
     print(f"{arguments.samples} views each, seed {arguments.seed}")

@@ -36,7 +36,7 @@ class BallEstimate:
 
 @dataclass(frozen=True, slots=True)
 class GolfSpin:
-    """A spin in golf's words, as ``spindoe estimate --golf`` gives them."""
+    """A spin in golf's words, as ``spindoe estimate --preset golf`` gives them."""
 
     total_rpm: float
     """Magnitude, revolutions per minute."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from ._image import Color, Image
 
-RecognizerName = Literal["robust", "paper"]
+RecognizerName = Literal["robust", "voting"]
 ProtocolName = Literal["paper", "sparse", "clutter", "image"]
 
 
@@ -215,13 +215,13 @@ class Recognizer:
     Args:
         table: The table, a pattern, or the path of either.
         recognizer: ``"robust"``, which knows missed and false dots and is sure of itself with reason,
-            or ``"paper"``, the baseline.
+            or ``"voting"``, the SpinDOE paper's, the baseline.
         expect: Misses, false dots and noise as in this validation protocol.
         sigma_rad: Standard deviation of a dot along one tangent axis, radians, where `identify` gets
             none; by default the table's noise over sqrt 3.
         min_confidence: Orientations with a smaller probability are rejected as ambiguous; by default
             ``MIN_CONFIDENCE_DOTS``, and 0 for the paper's recognizer, whose confidence is a share of votes.
-        settings: Any of `RecognizerSettings`; for ``"paper"`` any of `PaperSettings`.
+        settings: Any of `RecognizerSettings`; for ``"voting"`` any of `PaperSettings`.
 
     An instance may be used from several threads.
     """
@@ -246,7 +246,7 @@ class Recognizer:
     def __init__(
         self,
         table: Tabled,
-        recognizer: Literal["paper"],
+        recognizer: Literal["voting"],
         *,
         sigma_rad: float | None = None,
         min_confidence: float | None = None,
@@ -269,7 +269,7 @@ class Recognizer:
             given = settings_json(settings)
             least = _native.MIN_CONFIDENCE_DOTS if min_confidence is None else min_confidence
             self._handle = _native.Recognizer.robust(native, expect, given, sigma_rad, least)
-        elif recognizer == "paper":
+        elif recognizer == "voting":
             if expect is not None:
                 raise ValueError("expect: the paper's recognizer has no expectations")
             names = PaperSettings.__annotations__
@@ -289,7 +289,8 @@ class Recognizer:
                 0.0 if min_confidence is None else min_confidence,
             )
         else:
-            raise ValueError(f"recognizer: expected robust or paper, found {recognizer!r}")
+            renamed = "; the paper's recognizer is now voting" if recognizer == "paper" else ""
+            raise ValueError(f"recognizer: expected robust or voting, found {recognizer!r}{renamed}")
 
     @property
     def settings(self) -> dict[str, Any]:

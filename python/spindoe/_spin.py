@@ -119,8 +119,8 @@ class Spin:
     """How much more parts of the sequence differ from the motion than their noise explains, a ratio of variances by which
     `covariance` is widened; None where that is not evident."""
     clock: tuple[str, ...] = ()
-    """What was found wrong with the times, and mended: repeated images, lost frames, rounded times, times that scatter. The spin
-    is that with the times mended."""
+    """What was found wrong with the times, and corrected: repeated images, lost frames, rounded times, times that scatter. The spin
+    is that with the times corrected."""
     curve: SpinCurve | None = None
     """The spin over time, of a free motion."""
 

@@ -15,7 +15,7 @@ newest files of https://github.com/cogsys-tuebingen/spindoe, folder ``python``. 
 - The default recognizer is this package's robust one. As theirs it expects that all dots are the
   pattern's and that any of the visible ones may be missing, with the noise that `kappa` says
   (``1 / sqrt(kappa)`` along a tangent axis); `settings` change that. It needs none of the arguments
-  that tune the paper's voting; ``recognizer="paper"`` uses them.
+  that tune the paper's voting; ``recognizer="voting"`` uses them.
 - Nothing is printed.
 - Where no orientation is found, `BayGeoHasher.identify` returns ``([-1, -1], None, inf)``; theirs
   always returns one. A script that compares the pair, or the error, counts it as a failure.
@@ -63,15 +63,15 @@ class BayGeoHasher:
     """Identifies the dots of a view.
 
     Args:
-        threshold: Minimum logarithm of a vote; with ``"paper"`` only values that leave out none are
+        threshold: Minimum logarithm of a vote; with ``"voting"`` only values that leave out none are
             supported.
-        k_neighbour: Number of nearest features that vote, with ``"paper"``.
-        upper_score_perc: Percentile of the scores from which on bases are verified, with ``"paper"``.
-        projection_ll_scale: Standard deviation of the dots' distance from the center, with ``"paper"``.
+        k_neighbour: Number of nearest features that vote, with ``"voting"``.
+        upper_score_perc: Percentile of the scores from which on bases are verified, with ``"voting"``.
+        projection_ll_scale: Standard deviation of the dots' distance from the center, with ``"voting"``.
         min_feature_dist: Pairs of dots farther apart than this are left out of `hash_table`.
-        kappa: Concentration of the Kent density, with ``"paper"``.
-        beta: Its ovalness, with ``"paper"``.
-        recognizer: ``"robust"`` or ``"paper"``.
+        kappa: Concentration of the Kent density, with ``"voting"``.
+        beta: Its ovalness, with ``"voting"``.
+        recognizer: ``"robust"`` or ``"voting"``.
         settings: Further arguments of `spindoe.Recognizer`, for instance ``sigma_rad``.
     """
 
@@ -85,7 +85,7 @@ class BayGeoHasher:
         kappa: float = 5e2,
         beta: float = 0,
         *,
-        recognizer: Literal["robust", "paper"] = "robust",
+        recognizer: Literal["robust", "voting"] = "robust",
         **settings: Any,
     ) -> None:
         if kappa < 0:
@@ -142,7 +142,7 @@ class BayGeoHasher:
         }
         state = (self.recognizer, tuple(paper.values()), self.min_feature_dist, self.threshold)
         if self._made is None or self._made[0] != state:
-            if self.recognizer == "paper":
+            if self.recognizer == "voting":
                 if self.min_feature_dist < 2:
                     raise ValueError(
                         "min_feature_dist: expected 2 or more with the paper's recognizer, which "
@@ -153,7 +153,7 @@ class BayGeoHasher:
                         f"threshold: expected less than {_LEAST_LOG_LIKELIHOOD:.2f}, the least "
                         f"logarithm of a vote, found {self.threshold}"
                     )
-                made = Recognizer(self._table, "paper", **{**paper, **self.settings})
+                made = Recognizer(self._table, "voting", **{**paper, **self.settings})
             else:
                 noise = {"sigma_rad": 1.0 / math.sqrt(max(self.kappa, 1.0)), "min_confidence": 0.0}
                 made = Recognizer(self._table, **{**_EXPECTED, **noise, **self.settings})

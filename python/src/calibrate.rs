@@ -149,7 +149,7 @@ pub fn run<'py>(
                     stop: Some(stop),
                     ..evaluation
                 };
-                evaluate_calibration(&calibration, &source, config, &evaluation)
+                evaluate_calibration(&calibration, &source, config, &evaluation, &|_| {})
             })?;
             to_json(&evaluated.or_raise()?.report)
         })

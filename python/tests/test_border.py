@@ -85,7 +85,7 @@ with multiprocessing.get_context("fork").Pool(2) as pool:
         ("rng = np.random.default_rng(1)\ndots = rng.normal(size=(2000 * 200, 3))\ndots[:, 2] = abs(dots[:, 2])\n"
          "dots /= np.linalg.norm(dots, axis=1)[:, None]\nrecognizer = spindoe.Recognizer(pattern)",
          "recognizer.identify_batch(dots, np.arange(0, 2000 * 200 + 1, 200))"),
-        ("", "spindoe.validate(pattern, 'clutter', recognizer='paper', samples=500_000)"),
+        ("", "spindoe.validate(pattern, 'clutter', recognizer='voting', samples=500_000)"),
         ("", "[spindoe.Stencil(pattern) for _ in range(20)]"),
         ("import tempfile\nfolder = tempfile.mkdtemp()", "spindoe.Design(folder + '/d', dots=64, starts=50).run()"),
         ("import tempfile\nfolder = tempfile.mkdtemp()",

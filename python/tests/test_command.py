@@ -15,10 +15,10 @@ TABLE = ROOT / "designs/dots20/table.npz"
 TOLERANCE = 1e-12
 
 
-@pytest.mark.parametrize("recognizer", ["robust", "paper"])
+@pytest.mark.parametrize("recognizer", ["robust", "voting"])
 @pytest.mark.parametrize("protocol", ["paper", "sparse", "clutter", "image"])
 def test_the_same_rates(command, table, protocol, recognizer):
-    arguments = ("--samples", 1000, "--seed", 5, "--protocol", protocol, "--recognizer", recognizer)
+    arguments = ("--samples", 1000, "--seed", 5, "--protocol", protocol, f"--config=recognizer={recognizer}")
     theirs = json.loads(run(command, "validate", TABLE, "--json", *arguments))
     ours = spindoe.validate(table, protocol, recognizer=recognizer, samples=1000, seed=5)
     for rate in ("identity", "orientation"):
@@ -28,14 +28,14 @@ def test_the_same_rates(command, table, protocol, recognizer):
         assert theirs[value] == pytest.approx(getattr(ours, value), abs=TOLERANCE)
 
 
-@pytest.mark.parametrize("recognizer", ["robust", "paper"])
+@pytest.mark.parametrize("recognizer", ["robust", "voting"])
 @pytest.mark.parametrize("protocol", ["paper", "sparse", "clutter", "image"])
 def test_the_same_identifications(command, table, protocol, recognizer, tmp_path):
     dump = tmp_path / "dots.csv"
     run(command, "synth", TABLE, "--as=dots", "--frames", 300, "--protocol", protocol, "-o", dump)
-    flags = [] if recognizer == "paper" else ["--protocol", protocol]
+    flags = [] if recognizer == "voting" else ["--protocol", protocol]
     text = run(
-        command, "identify", "--table", TABLE, dump, "--json", "--recognizer", recognizer, *flags
+        command, "identify", "--table", TABLE, dump, "--json", f"--config=recognizer={recognizer}", *flags
     )
     theirs = json.loads(text)["frames"]
     frames: dict[str, list[tuple[list[float], list[list[float]]]]] = {}
@@ -50,7 +50,7 @@ def test_the_same_identifications(command, table, protocol, recognizer, tmp_path
                 a, b, c = (float(row[name]) * np.deg2rad(1.0) ** 2 for name in names)
                 covariance = [[a, b], [b, c]]
             frames.setdefault(row["frame"], []).append((xyz, covariance))
-    expect = None if recognizer == "paper" else protocol
+    expect = None if recognizer == "voting" else protocol
     mine = spindoe.Recognizer(table, recognizer, expect=expect)
     assert len(theirs) >= 290
     for their in theirs:
@@ -156,7 +156,7 @@ def test_one_confidence_in_table_json_and_python(command, drawn, tmp_path):
 def test_the_same_spin_of_a_file(command, drawn, tmp_path, method):
     file = tmp_path / "orientations.csv"
     run(command, "estimate", "--table", TABLE, drawn, "-o", file)
-    theirs = json.loads(run(command, "spin", file, "--json", "--method", method))
+    theirs = json.loads(run(command, "spin", file, "--json", f"--config=method={method}"))
     with open(file, newline="") as lines:
         rows = [row for row in csv.DictReader(lines) if row["qw"]]
     column = lambda name: np.array([float(row[name]) for row in rows])  # noqa: E731

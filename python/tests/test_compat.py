@@ -47,7 +47,7 @@ def test_signatures_are_the_authors():
         assert [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD] == names
 
 
-@pytest.mark.parametrize("recognizer", ["robust", "paper"])
+@pytest.mark.parametrize("recognizer", ["robust", "voting"])
 def test_dots_are_identified(pattern, recognizer):
     hasher = BayGeoHasher(recognizer=recognizer)
     hasher.gen_hash_table(np.array(pattern.dots))
@@ -121,7 +121,7 @@ def test_verification_lays_the_pattern_onto_the_dots(pattern):
 
 
 def test_arguments_may_change_between_calls(pattern):
-    hasher = BayGeoHasher(recognizer="paper")
+    hasher = BayGeoHasher(recognizer="voting")
     with pytest.raises(RuntimeError, match="gen_hash_table"):
         hasher.identify(pattern.dots)
     hasher.gen_hash_table(pattern.dots)

@@ -296,7 +296,7 @@ def test_any_directions_are_answered_or_rejected(recognizer, seed, count):
 def test_recognizers_pickle(table, view):
     for recognizer in (
         spindoe.Recognizer(table, expect="clutter", sigma_rad=0.04, passes=32),
-        spindoe.Recognizer(table, "paper", k=10),
+        spindoe.Recognizer(table, "voting", k=10),
     ):
         again = pickle.loads(pickle.dumps(recognizer))
         assert again.settings == recognizer.settings

@@ -43,9 +43,9 @@ spindoe.Estimator(table, min_confidenc=0.7)  # wrong
 spindoe.Estimator(table, min_confidence="high")  # wrong
 spindoe.Estimator(table, outline="contour")  # wrong
 spindoe.Recognizer(table, passes=32, noise="normal", expect="clutter")
-spindoe.Recognizer(table, "paper", k=10, vote_sum="density")
+spindoe.Recognizer(table, "voting", k=10, vote_sum="density")
 spindoe.Recognizer(table, k=10)  # wrong
-spindoe.Recognizer(table, "paper", passes=3)  # wrong
+spindoe.Recognizer(table, "voting", passes=3)  # wrong
 spindoe.Recognizer(table, noise="gauss")  # wrong
 spindoe.synth(table, 3, ball_px=[60, 60], kind="fruit", stains=False)
 spindoe.synth(table, 3, ball_pixels=[60, 60])  # wrong

@@ -66,6 +66,20 @@ pub fn held_out(
     times_s: Option<&[f64]>,
     config: &CalibrationConfig,
 ) -> Result<HeldOut> {
+    held_out_with(nominal, frames, times_s, config, &|_| {})
+}
+
+/// The same; `done` hears how many frames more have been judged.
+///
+/// # Errors
+/// As [`held_out`].
+pub fn held_out_with(
+    nominal: &Pattern,
+    frames: &[FrameEstimate],
+    times_s: Option<&[f64]>,
+    config: &CalibrationConfig,
+    done: &(dyn Fn(usize) + Sync),
+) -> Result<HeldOut> {
     let folds = if frames.len() <= LEAVE_ONE_OUT {
         frames.len()
     } else {
@@ -85,6 +99,7 @@ pub fn held_out(
         let unseen = of(&out);
         let before = identify_frames(&nominal_ball, &config.estimator, &unseen)?;
         let after = identify_frames(&found.ball(None)?, &config.estimator, &unseen)?;
+        done(out.len());
         let judged = out.iter().zip(before.iter().zip(&after));
         Ok(judged
             .map(|(&frame, (before, after))| HeldOutFrame {

@@ -70,7 +70,7 @@ mod unknown;
 
 pub use config::CalibrationConfig;
 pub use holdout::{
-    FrameResidual, HeldOut, HeldOutFrame, MotionResidual, held_out, motion_residual,
+    FrameResidual, HeldOut, HeldOutFrame, MotionResidual, held_out, held_out_with, motion_residual,
 };
 pub use identify::identify_frames;
 pub use presence::MIN_EXPECTED_VIEWS;

@@ -39,6 +39,19 @@ impl CameraParameter {
     }
 }
 
+impl CameraParameter {
+    /// In words, with its unit.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::BallPx => "diameter of the ball [px]",
+            Self::ExposureMs => "exposure [ms]",
+            Self::NoiseLevels => "noise of a pixel, of 255 levels",
+            Self::DefocusPx => "blur of the lens, standard deviation [px]",
+            Self::DotDiameter => "diameter of a dot, of the ball's",
+        }
+    }
+}
+
 /// Factors on what has a value.
 const FACTORS: [f64; 5] = [0.5, 0.7, 1.0, 1.4, 2.0];
 /// Noise, levels, where none is stated.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::camera::{CameraArguments, GolfBall, shown};
+use super::estimate::Preset;
 use super::flashes::Flashes;
 use super::output::{Counter, quoted};
 use super::print_json;
@@ -34,7 +35,7 @@ It takes some two minutes of one core, in a dark room (--camera dark) one.
 
 Examples:
   spindoe advise --ball-px 45 --fps 240 --exposure-ms 0.5
-  spindoe advise --golf --strobe-ms 0,0.9,2.1 --ball-px 100
+  spindoe advise --preset golf --strobe-ms 0,0.9,2.1 --ball-px 100
   spindoe advise mine.csv --camera camera.toml --json")]
 pub struct Arguments {
     /// Patterns: for each the name of a shipped one (dots20), its CSV (unit vectors x,y,z), a table (.npz), or the
@@ -42,7 +43,7 @@ pub struct Arguments {
     #[arg(value_name = "PATTERN")]
     inputs: Vec<PathBuf>,
     /// Frames of a pattern that stays to the end, of which half choose and half measure; half as many for a change of the
-    /// camera [default: 1024; with --golf 256].
+    /// camera [default: 1024; with --preset golf 256].
     #[arg(long, value_name = "N")]
     samples: Option<u64>,
     /// Sequences of a pattern that stays to the end, for the spin.
@@ -54,16 +55,16 @@ pub struct Arguments {
     /// Seed of frames and sequences.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// A launch monitor: golf balls of 42.67 mm and 100 pixels in infrared light, exposures with several flashes, golf's spins; the
-    /// intrinsics are known. It takes some minutes.
-    #[arg(long, conflicts_with_all = ["camera", "fps", "exposure_ms", "rps", "max_speed_m_s", "surroundings", "noise_levels"])]
-    golf: bool,
+    /// For a launch monitor: golf balls of 42.67 mm and 100 pixels in infrared light, exposures with several flashes, golf's spins;
+    /// the intrinsics are known. It takes some minutes.
+    #[arg(long, value_enum, value_name = "golf", hide_possible_values = true, conflicts_with_all = ["camera", "fps", "exposure_ms", "rps", "max_speed_m_s", "surroundings", "noise_levels"])]
+    preset: Option<Preset>,
     /// Flashes of one exposure, milliseconds, ascending, or PERIODxN, as in 0.7x3 [default: 0,0.9,2.1].
     #[arg(
         long,
         value_name = "MS,MS..",
         allow_hyphen_values = true,
-        requires = "golf"
+        requires = "preset"
     )]
     strobe_ms: Option<Flashes>,
     /// Print one JSON object instead of words.
@@ -74,7 +75,8 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let usual = match arguments.golf {
+    let is_golf = arguments.preset == Some(Preset::Golf);
+    let usual = match is_golf {
         true => GOLF_SAMPLES,
         false => RaceConfig::default().frames(),
     };
@@ -95,7 +97,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             })
             .collect::<Result<_>>()?
     };
-    if arguments.golf {
+    if is_golf {
         return golf(arguments, &patterns, samples);
     }
     let conditions = arguments.camera.conditions()?;

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 /// Smallest number that is not 0: squares and inverses of it are still numbers.
 const SMALLEST: f64 = 1e-9;
 
-/// Flags, or how their names end, with the least and the most that they may be.
+/// Flags, or how their names end, with their minimum and maximum.
 const BOUNDS: [(&str, f64, f64); 29] = [
     ("fps", 1e-3, 1e7),
     ("rps", 0.0, 1e4),

@@ -38,7 +38,7 @@ the median: these number the frames. Any other has no time.
 
 The robust recognizer learns noise, misses and false dots from the frames themselves, a file's from its first 256,
 a pipe's from those that came before, and says what it learned, the share of frames that show something else among
-it; --protocol, or the settings false_dots, miss_probability and foreign_share, say what is known, --no-learning
+it; --protocol, or the settings false_dots, miss_probability and foreign_share, say what is known; the setting no_learning
 takes the defaults. Its confidence is the probability that the orientation is correct;
 that of the paper's recognizer is a share of votes and no probability. --json also has the probability that every
 dot is identified correctly, and lists the rival poses of each frame: a pattern with a rotational symmetry has
@@ -59,7 +59,7 @@ pub struct Arguments {
     #[arg(long, value_name = "TABLE.npz")]
     table: PathBuf,
     /// The recognizer to run.
-    #[arg(long, value_parser = super::output::one_of(&RecognizerName::ALL, RecognizerName::as_str), default_value_t = RecognizerName::Robust)]
+    #[arg(hide = true, long, value_parser = super::output::one_of(&RecognizerName::ALL, RecognizerName::as_str), default_value_t = RecognizerName::Robust)]
     recognizer: RecognizerName,
     /// Write the orientations to this file instead of standard output.
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
@@ -82,12 +82,12 @@ pub struct Arguments {
     #[arg(hide = true, long, value_name = "P", allow_negative_numbers = true)]
     miss_probability: Option<f64>,
     /// Share of the frames that show something else than the ball [default: learned; none with --protocol;
-    /// a fifth with --no-learning].
+    /// a fifth with no_learning].
     #[arg(hide = true, long, value_name = "S", allow_negative_numbers = true)]
     foreign_share: Option<f64>,
     /// Do not learn misses, false dots and noise from the frames: take defaults for what is not
     /// given.
-    #[arg(long, conflicts_with = "protocol")]
+    #[arg(hide = true, long, conflicts_with = "protocol")]
     no_learning: bool,
     /// Least confidence.
     #[arg(long, value_name = "P", allow_negative_numbers = true, help = format!(
@@ -128,7 +128,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let threads = NonZero::new(rayon::current_num_threads()).unwrap_or(NonZero::<usize>::MIN);
     let mut outputs = Outputs::create(arguments)?;
     match arguments.recognizer {
-        RecognizerName::Paper => {
+        RecognizerName::Voting => {
             let recognizer = PaperRecognizer::for_ball(&ball)?;
             identify_frames(&recognizer, frames, threads, &mut outputs)?;
         }
@@ -181,7 +181,7 @@ impl Arguments {
         self.min_confidence.unwrap_or(match self.recognizer {
             RecognizerName::Robust => recognize::MIN_CONFIDENCE_DOTS,
             // A share of votes is no probability.
-            RecognizerName::Paper => 0.0,
+            RecognizerName::Voting => 0.0,
         })
     }
 

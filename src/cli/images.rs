@@ -1,4 +1,4 @@
-//! What `estimate` and `calibrate` ask alike of images: the detector, the outline, the camera and the
+//! What `estimate`, `live` and `calibrate` ask alike of images: the detector, the outline, the camera and the
 //! times.
 
 use std::path::{Path, PathBuf};
@@ -28,15 +28,14 @@ pub struct ImageArguments {
     #[arg(hide = true, long, value_parser = one_of(&DetectorName::ALL, DetectorName::as_str), default_value_t = DetectorName::Cnn)]
     pub(super) detector: DetectorName,
     /// The net's weights, an .npz made by `python -m train` [default: those built in].
-    #[arg(long, value_name = "WEIGHTS.npz")]
+    #[arg(hide = true, long, value_name = "WEIGHTS.npz")]
     weights: Option<PathBuf>,
     /// The ball's outline: of all frames its center and radius, U,V,R pixels; or a CSV with those of single frames,
     /// frame,u,v,radius, and where it is known sigma, the standard deviation of all three [default: 1 % of the radius].
     /// It is detected where it is not given.
     #[arg(long, value_name = "U,V,R|CSV", allow_hyphen_values = true)]
     circle: Option<String>,
-    /// Look for the ball in this part of every frame only: its first column and row, its columns and
-    /// rows [default: the whole frame].
+    /// The part of each frame to search: its first column and row, its columns and rows [default: all].
     #[arg(
         long,
         value_name = "X,Y,WIDTH,HEIGHT",
@@ -47,8 +46,7 @@ pub struct ImageArguments {
     /// How the outline is found: by its edges alone, or with a net where they do not show it whole.
     #[arg(hide = true, long, value_parser = one_of(&OutlineMethod::ALL, OutlineMethod::as_str), default_value_t = OutlineMethod::default())]
     pub(super) outline: OutlineMethod,
-    /// Distance from the camera to the ball's center in ball radii; `inf` for parallel rays
-    /// [default: it is estimated with the orientation].
+    /// Distance of the ball's center in ball radii: from the camera, `inf` for parallel rays [default: it is estimated].
     #[arg(
         long,
         value_name = "D",
@@ -56,8 +54,8 @@ pub struct ImageArguments {
         allow_negative_numbers = true
     )]
     camera_distance_radii: Option<f64>,
-    /// The camera's focal lengths and principal point in pixels, and OpenCV's distortion k1,k2,p1,p2,.. behind them; or a
-    /// file of them, as OpenCV (YAML, JSON, XML, NPZ), ROS (camera_info), Kalibr, EuRoC, VINS, ORB-SLAM, COLMAP
+    /// Focal lengths and principal point in pixels, or a file of them. OpenCV's distortion k1,k2,p1,p2 and so on may stand behind them. A
+    /// file is one as OpenCV (YAML, JSON, XML, NPZ), ROS (camera_info), Kalibr, EuRoC, VINS, ORB-SLAM, COLMAP
     /// (cameras.txt), OpenSfM, NeRF (transforms.json), librealsense, ZED or MATLAB (JSON) has it; FILE:NAME is one of
     /// several cameras, as in stereo.yml:left. Where the file says for images of which size, it is scaled to those given. The distance then follows from the ball's size.
     #[arg(long, value_name = "FX,FY,CX,CY|FILE", allow_negative_numbers = true)]
@@ -72,15 +70,15 @@ pub struct ImageArguments {
     #[arg(skip)]
     expected: OnceLock<Calibration>,
     /// Frames per second, for frames at equal intervals.
-    #[arg(
-        long,
-        value_name = "F",
-        conflicts_with = "times",
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
     pub(super) fps: Option<f64>,
+}
+
+/// The times of frames that lie in files.
+#[derive(Debug, Args)]
+pub struct TimesArgument {
     /// Times of the frames: CSV with the header frame,time_s, or in the frames' order what `rpicam-vid --save-pts` writes.
-    #[arg(long, value_name = "CSV")]
+    #[arg(long, value_name = "CSV", conflicts_with = "fps")]
     times: Option<PathBuf>,
 }
 
@@ -231,8 +229,8 @@ impl ImageArguments {
         }
     }
 
-    pub(super) fn clock(&self) -> Result<FrameClock> {
-        Ok(match (self.fps, &self.times) {
+    pub(super) fn clock(&self, times: &TimesArgument) -> Result<FrameClock> {
+        Ok(match (self.fps, &times.times) {
             (Some(rate), _) => FrameClock::FramesPerSecond(rate),
             (None, Some(path)) => frame_table::read_clock(path)?,
             (None, None) => FrameClock::Inputs,
@@ -268,11 +266,32 @@ fn first_size(inputs: &[PathBuf], max_pixels: u64) -> Option<[usize; 2]> {
 pub(super) fn read_ball(path: &Path) -> Result<Ball> {
     Ball::read(path).map_err(|error| match Surface::read_npz(path) {
         Ok(_) => {
-            let problem = "is the surface of a painted ball, which goes with --painted";
+            let problem = "is the surface of a painted ball, which has no dots: expected it alone, for `spindoe estimate`";
             Error::input(path, "archive", problem)
         }
         Err(_) => error,
     })
+}
+
+/// The surface of a painted ball, where the file is one.
+///
+/// # Errors
+/// That of a surface whose arrays are damaged; a file of another kind is `None`.
+pub(super) fn read_surface(path: &Path) -> Result<Option<Surface>> {
+    match Surface::read_npz(path) {
+        Ok(surface) => Ok(Some(surface)),
+        // Those arrays are read where the metadata say that it is one.
+        Err(Error::Input {
+            place,
+            path,
+            problem,
+        }) if ["values", "views"].contains(&&*place) => Err(Error::Input {
+            path,
+            place,
+            problem,
+        }),
+        Err(_) => Ok(None),
+    }
 }
 
 /// The balls of several files; two must not have the same pattern, rotated or not, since images cannot tell
@@ -314,6 +333,9 @@ pub(super) fn unused_warning(
     let unused = unused.unwrap_or_default();
     Ok(unused.first().map(|line| {
         let count = unused.len();
-        format!("--circle: {count} rows name no frame, the first on line {line}")
+        match count {
+            1 => format!("--circle: the row on line {line} names no frame"),
+            _ => format!("--circle: {count} rows name no frame, the first on line {line}"),
+        }
     }))
 }

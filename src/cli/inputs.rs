@@ -3,13 +3,59 @@
 use std::path::PathBuf;
 
 use super::images::{order_warning, unused_warning};
-use crate::clip::{Batch, BatchConfig, FocalDoubt, TimeSource};
-use crate::error::Result;
+use super::output::Counter;
+use crate::clip::{BallEstimate, Batch, BatchConfig, BatchObserver, FocalDoubt, TimeSource};
+use crate::error::{Result, counted};
 use crate::files::csv::shown;
-use crate::source::files::SkippedFiles;
+use crate::image::RgbImage;
+use crate::source::files::{self, SkippedFiles, Source};
 use crate::source::video::VideoClock;
 
-/// Frames a second beyond which names may be in microseconds: hardly a camera is faster.
+/// Counts the frames of a clip while they are estimated, and keeps of each what another observer keeps.
+pub(super) struct Counting<O> {
+    counter: Counter,
+    keeper: O,
+}
+
+impl<O> Counting<O> {
+    /// That of the frames of these inputs.
+    pub fn new(inputs: &[PathBuf], keeper: O) -> Self {
+        // A video's frames are counted as they are read, and what cannot be read is said by whoever reads it.
+        let sources = files::sources(inputs).unwrap_or_default();
+        let is_image = |source: &Source| matches!(source, Source::Image(_));
+        let total = match sources.iter().all(is_image) {
+            true => sources.len(),
+            false => 0,
+        };
+        Self {
+            counter: Counter::new(total as u64, "frames"),
+            keeper,
+        }
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.counter.finish();
+    }
+}
+
+impl<O: BatchObserver> BatchObserver for Counting<O> {
+    type Kept = O::Kept;
+
+    fn keep(&self, image: &RgbImage, balls: &[BallEstimate]) -> Result<O::Kept> {
+        self.keeper.keep(image, balls)
+    }
+
+    fn wants_images(&self) -> bool {
+        self.keeper.wants_images()
+    }
+
+    fn progress(&self, frames: usize) {
+        self.counter.set(frames as u64);
+    }
+}
+
+/// Frames a second beyond which names may be in microseconds: few cameras are faster.
 const FASTEST_FPS: f64 = 2e4;
 /// Skipped files that are named.
 const MAX_NAMED: usize = 5;
@@ -54,7 +100,10 @@ pub(super) fn say_skipped(all: &[SkippedFiles]) {
             .collect::<Vec<_>>();
         let more = if count > MAX_NAMED { ", ..." } else { "" };
         errln!(
-            "{folder}: {count} files are no images and are skipped: {}{more}",
+            "{folder}: skipped {}, which {} no image{}: {}{more}",
+            counted(count, "file"),
+            if count == 1 { "is" } else { "are" },
+            if count == 1 { "" } else { "s" },
             listed.join(", ")
         );
     }

@@ -21,8 +21,8 @@ use crate::pattern::Pattern;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  spindoe mark dots20 --as gores -o lobes.pdf --paper letter
-  spindoe mark dots20 --as gores -o lobes.dxf --lobes 24
+  spindoe mark dots20 --as gores -o lobes.pdf --sheet letter
+  spindoe mark dots20 --as gores -o lobes.dxf --config lobes=24
   spindoe mark dots20 --as stickers -o stickers.pdf --ball-diameter-mm 220
   spindoe mark dots20 --as plotter -o egg.svg
   spindoe mark dots20 --as plotter -o ball.gcode --config pen_diameter_mm=0.8")]
@@ -49,10 +49,11 @@ pub struct Arguments {
     #[arg(long, value_name = "X,Y,Z,DEG", value_parser = cone, allow_hyphen_values = true)]
     keep_out: Vec<KeepOut>,
     /// Number of lobes, 12 to 24.
-    #[arg(long, value_name = "N", default_value_t = GoreConfig::default().lobes)]
+    #[arg(hide = true, long, value_name = "N", default_value_t = GoreConfig::default().lobes)]
     lobes: usize,
     /// Margin of color beyond a sticker's cut.
     #[arg(
+        hide = true,
         long,
         value_name = "MM",
         default_value_t = 0.0,
@@ -60,11 +61,11 @@ pub struct Arguments {
     )]
     bleed_mm: f64,
     /// Omit the dots' numbers beside the lobes.
-    #[arg(long)]
+    #[arg(hide = true, long)]
     no_numbers: bool,
-    /// Paper of a PDF.
-    #[arg(long, value_enum, default_value_t = Paper::A4)]
-    paper: Paper,
+    /// Sheet of a PDF.
+    #[arg(long, value_enum, default_value_t = Sheet::A4)]
+    sheet: Sheet,
     /// Width of the plotter's pen on the ball.
     #[arg(hide = true, long, value_name = "MM", default_value_t = PlotterConfig::default().pen_diameter_mm, allow_negative_numbers = true)]
     pen_diameter_mm: f64,
@@ -100,20 +101,20 @@ enum Method {
     Plotter,
 }
 
-/// Paper sizes.
+/// Sheets of paper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum Paper {
+pub(super) enum Sheet {
     /// 210 x 297 mm.
     A4,
     /// 8.5 x 11 inches.
     Letter,
 }
 
-impl From<Paper> for PageSize {
-    fn from(paper: Paper) -> Self {
-        match paper {
-            Paper::A4 => Self::A4,
-            Paper::Letter => Self::Letter,
+impl From<Sheet> for PageSize {
+    fn from(sheet: Sheet) -> Self {
+        match sheet {
+            Sheet::A4 => Self::A4,
+            Sheet::Letter => Self::Letter,
         }
     }
 }
@@ -185,8 +186,8 @@ impl Arguments {
 
     /// Paper has bounds; other formats take one sheet.
     fn page(&self, format: Format) -> PageSize {
-        match (format, self.paper) {
-            (Format::Pdf, paper) => paper.into(),
+        match (format, self.sheet) {
+            (Format::Pdf, sheet) => sheet.into(),
             _ => PageSize::Sheet,
         }
     }
@@ -219,7 +220,7 @@ const OWN: [(&str, &[Method]); 10] = [
     ("lobes", &[Method::Gores]),
     ("no_numbers", &[Method::Gores]),
     ("bleed_mm", &[Method::Stickers]),
-    ("paper", &[Method::Gores, Method::Stickers]),
+    ("sheet", &[Method::Gores, Method::Stickers]),
     ("pen_diameter_mm", &[Method::Plotter]),
     ("steps_per_turn", &[Method::Plotter]),
     ("feed_mm_per_min", &[Method::Plotter]),

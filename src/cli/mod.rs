@@ -18,7 +18,8 @@ macro_rules! outln {
 macro_rules! errln {
     ($($words:tt)*) => {{
         use std::io::Write as _;
-        let _ = writeln!(std::io::stderr(), $($words)*);
+        let words = $crate::cli::shown(format!($($words)*));
+        let _ = writeln!(std::io::stderr(), "{words}");
     }};
 }
 
@@ -41,6 +42,8 @@ mod images;
 mod inputs;
 mod interrupt;
 mod levels;
+#[cfg(feature = "vision")]
+mod live;
 #[cfg(feature = "mark")]
 mod mark;
 mod memory;
@@ -66,7 +69,7 @@ mod table;
 mod validate;
 
 use std::ffi::OsString;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, IsTerminal as _, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -111,6 +114,9 @@ enum Command {
     /// Estimate orientations and the spin from images or videos.
     #[cfg(feature = "vision")]
     Estimate(Box<estimate::Arguments>),
+    /// Estimate orientations and the spin from frames as they come.
+    #[cfg(feature = "vision")]
+    Live(Box<live::Arguments>),
     /// Estimate the spin from time-stamped orientations.
     Spin(Box<spin::Arguments>),
     /// Measure how often patterns are identified correctly.
@@ -142,7 +148,7 @@ fn command_line() -> clap::Command {
         }
         None => command,
     });
-    levels::with_levels(settings::with_config(cli))
+    levels::with_levels(settings::with_config(cli).mut_subcommands(levels::with_headings))
 }
 
 /// A text with each paragraph on one line, for any width of the terminal; lines that begin with a space stay.
@@ -219,6 +225,9 @@ impl Parsed {
     /// The arguments with those that `--config` names.
     fn of(arguments: &[OsString]) -> std::result::Result<Self, Refused> {
         let mut command = command_line();
+        if arguments.iter().any(|a| a == "--help" || a == "-h") {
+            command = levels::with_brief_help(command);
+        }
         if arguments.iter().any(|a| a == "--print-config") {
             // What a run needs, its settings do not.
             command =
@@ -277,7 +286,9 @@ impl Parsed {
             #[cfg(feature = "vision")]
             Command::Calibrate(arguments) => calibrate::run(&arguments),
             #[cfg(feature = "vision")]
-            Command::Estimate(arguments) => estimate::run(&arguments),
+            Command::Estimate(arguments) => estimate::run(&arguments, given),
+            #[cfg(feature = "vision")]
+            Command::Live(arguments) => live::run(&arguments),
             Command::Spin(arguments) => spin::run(&arguments),
             Command::Validate(arguments) => validate::run(&arguments),
             Command::Identify(arguments) => identify::run(&arguments),
@@ -416,8 +427,22 @@ fn stdout_error(error: std::io::Error) -> Error {
     Error::write("standard output", error)
 }
 
+/// What a terminal is shown: a file's name may hold the codes that a terminal obeys, which are escaped.
+fn shown(words: String) -> String {
+    let obeyed = |c: char| c.is_control() && c != '\n' && c != '\t';
+    if !words.contains(obeyed) {
+        return words;
+    }
+    let escaped = |c: char| match obeyed(c) {
+        true => c.escape_default().to_string(),
+        false => c.to_string(),
+    };
+    words.chars().map(escaped).collect()
+}
+
 /// See `outln`.
 fn print_line(words: std::fmt::Arguments<'_>) {
+    let words = shown(words.to_string());
     let mut out = std::io::stdout().lock();
     if let Err(error) = writeln!(out, "{words}") {
         if error.kind() == std::io::ErrorKind::BrokenPipe {
@@ -436,9 +461,12 @@ fn print_json(value: &impl serde::Serialize) -> Result<()> {
     write_stdout(&text)
 }
 
-/// Writes on standard output.
+/// Writes on standard output: to a file or a pipe every byte, to a terminal what it may be shown.
 fn write_stdout(bytes: &[u8]) -> Result<()> {
     let mut stdout = std::io::stdout().lock();
+    let text = stdout.is_terminal().then(|| String::from_utf8_lossy(bytes));
+    let text = text.map(|text| shown(text.into_owned()));
+    let bytes = text.as_deref().map_or(bytes, str::as_bytes);
     stdout
         .write_all(bytes)
         .and_then(|()| stdout.flush())

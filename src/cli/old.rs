@@ -19,11 +19,13 @@ const COMMANDS: [(&str, &str); 8] = [
     ("certify", "spindoe validate"),
 ];
 /// Flags that have another name, by command; "" for all commands.
-const FLAGS: [(&str, &str, &str); 22] = [
+const FLAGS: [(&str, &str, &str); 27] = [
     ("", "out", "--output"),
     ("", "ball-pixels", "--ball-px"),
     ("", "hole-diameter-mm", "--dot-diameter-mm"),
-    ("", "page", "--paper"),
+    ("", "page", "--sheet"),
+    ("", "paper", "--sheet"),
+    ("", "golf", "--preset golf"),
     ("design", "from", "a PATTERN without a flag"),
     ("design", "render", "--config camera_frames=N"),
     ("validate", "dump", "`spindoe synth PATTERN --as dots`"),
@@ -33,6 +35,13 @@ const FLAGS: [(&str, &str, &str); 22] = [
     ("identify", "sigma-deg", "--dot-sigma-deg"),
     ("estimate", "circles", "--circle"),
     ("estimate", "precession", "--motion precessing"),
+    ("estimate", "follow", "`spindoe live`"),
+    ("estimate", "raw", "`spindoe live --raw`"),
+    (
+        "estimate",
+        "max-latency-ms",
+        "`spindoe live --max-latency-ms`",
+    ),
     ("calibrate", "circles", "--circle"),
     ("spin", "sigma-deg", "--config orientation_sigma_deg=S"),
     ("spin", "decay", "--motion decaying"),
@@ -42,6 +51,16 @@ const FLAGS: [(&str, &str, &str); 22] = [
     ("synth", "size", "--config size_px=LOW,HIGH"),
     ("synth", "min-size", "--config size_px=LOW,HIGH"),
     ("synth", "max-size", "--config size_px=LOW,HIGH"),
+];
+
+/// Values of a flag that are gone, with what does their work.
+const VALUES: [(&str, &str, &str); 2] = [
+    (
+        "--sweep",
+        "alpha",
+        "--config sweep_alpha=0.003,0.01,0.03,0.1,0.3,1",
+    ),
+    ("--recognizer", "paper", "--config recognizer=voting"),
 ];
 
 /// What replaces a name that these arguments use and that is no more; one line.
@@ -66,6 +85,17 @@ pub(super) fn replacement(error: &clap::Error, arguments: &[OsString]) -> Option
                 .iter()
                 .find(|(command, flag, _)| *flag == old && is_of(command));
             found.map(|(_, _, new)| format!("{flag} is now {new}"))
+        }
+        ErrorKind::InvalidValue => {
+            let (flag, value) = (
+                name(ContextKind::InvalidArg)?,
+                name(ContextKind::InvalidValue)?,
+            );
+            let flag = flag.split(' ').next()?;
+            let found = VALUES
+                .iter()
+                .find(|(of, old, _)| *of == flag && *old == value);
+            found.map(|(.., new)| format!("{flag} {value} is now {new}"))
         }
         _ => None,
     }

@@ -131,14 +131,45 @@ fn minutes(time: Duration) -> String {
     format!("{}:{:02}", seconds / 60, seconds % 60)
 }
 
-/// Minimum time between plain lines of a [`Counter`].
+/// Minimum time between plain lines of a [`Counter`] whose end is not known.
 const COUNTER_SILENCE: Duration = Duration::from_secs(5);
+/// Work that is over so soon needs no line.
+const BRIEF: Duration = Duration::from_secs(2);
+
+/// When the tenths of some work are said in plain lines.
+struct Tenths {
+    began: Instant,
+    /// The last that was said or passed over.
+    said: u64,
+}
+
+impl Tenths {
+    fn new() -> Self {
+        Self {
+            began: Instant::now(),
+            said: 0,
+        }
+    }
+
+    /// What is to be said of the time left when so much is done; `None` within a tenth, and of brief work.
+    fn left(&mut self, done: u64, total: u64) -> Option<String> {
+        let tenth = done.saturating_mul(10) / total.max(1);
+        if tenth <= self.said || tenth >= 10 {
+            return None;
+        }
+        self.said = tenth;
+        let gone = self.began.elapsed();
+        let share = done as f64 / total.max(1) as f64;
+        let left = gone.as_secs_f64() * (1.0 - share) / share;
+        (gone > BRIEF).then(|| format!("; {left:.0} s left"))
+    }
+}
 
 /// Counts work that is done on several threads: a bar on a terminal, plain lines elsewhere.
 pub(super) struct Counter {
     bar: ProgressBar,
     what: &'static str,
-    said: Mutex<Instant>,
+    said: Mutex<(Instant, Tenths)>,
 }
 
 impl Counter {
@@ -161,7 +192,7 @@ impl Counter {
         Self {
             bar,
             what,
-            said: Mutex::new(Instant::now()),
+            said: Mutex::new((Instant::now(), Tenths::new())),
         }
     }
 
@@ -178,7 +209,7 @@ impl Counter {
         self.speak();
     }
 
-    /// A plain line where there is no bar and none was written for a while.
+    /// A plain line where there is no bar: at each tenth, or every so often where the end is not known.
     fn speak(&self) {
         if is_quiet() || is_shown(&self.bar) {
             return;
@@ -187,13 +218,19 @@ impl Counter {
         let Ok(mut said) = self.said.try_lock() else {
             return;
         };
-        if said.elapsed() > COUNTER_SILENCE {
-            let (done, what) = (self.bar.position(), self.what);
-            match self.bar.length() {
-                Some(total) if total > 0 => errln!("{done} of {total} {what}"),
-                _ => errln!("{done} {what}"),
+        let (done, what) = (self.bar.position(), self.what);
+        let (last, tenths) = &mut *said;
+        match self.bar.length().filter(|total| *total > 0) {
+            Some(total) => {
+                if let Some(left) = tenths.left(done, total) {
+                    errln!("{done} of {total} {what}{left}");
+                }
             }
-            *said = Instant::now();
+            None if last.elapsed() > COUNTER_SILENCE => {
+                errln!("{done} {what}");
+                *last = Instant::now();
+            }
+            None => {}
         }
     }
 
@@ -203,7 +240,7 @@ impl Counter {
             return;
         }
         if is_shown(&self.bar) {
-            self.bar.println(words);
+            self.bar.println(super::shown(words.to_owned()));
         } else {
             errln!("{words}");
         }
@@ -308,7 +345,7 @@ impl Progress {
     pub fn show(&mut self, done: u64, what: &str, more: impl FnOnce() -> String) {
         self.bar.set_position(done);
         if is_shown(&self.bar) {
-            self.bar.set_message(what.to_owned());
+            self.bar.set_message(super::shown(what.to_owned()));
         } else if !is_quiet() && self.said.elapsed() > self.silence {
             errln!("{what}{}", more());
             self.said = Instant::now();
@@ -322,7 +359,7 @@ impl Progress {
             return;
         }
         if is_shown(&self.bar) {
-            self.bar.set_message(what.to_owned());
+            self.bar.set_message(super::shown(what.to_owned()));
         } else {
             errln!("{what}");
         }

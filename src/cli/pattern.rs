@@ -27,7 +27,7 @@ pub const MIN_DOT_PX: f64 = 3.75;
 /// The usual ball in an image, pixels.
 const USUAL_BALL_PX: f64 = 60.0;
 
-/// Warns of dots that a camera hardly sees: where they are narrower than [`MIN_DOT_PX`] on a ball of 60 pixels.
+/// Warns of dots that are too small for most cameras: where they are narrower than [`MIN_DOT_PX`] on a ball of 60 pixels.
 /// The rates are those of `dots20` in any surroundings (docs/measurements/camera.md, "Small dots").
 pub fn warn_of_small_dots(ball_mm: f64, dot_mm: f64) {
     let width_px = USUAL_BALL_PX * dot_mm / ball_mm;

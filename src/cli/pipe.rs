@@ -1,4 +1,4 @@
-//! Frames of a pipe, which `estimate --follow` and `calibrate --live` look at as they come.
+//! Frames of a pipe, which `live` and `calibrate --live` read as they come.
 
 use std::path::{Path, PathBuf};
 

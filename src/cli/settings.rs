@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::files;
 
 /// Ids of the two flags, which commands with settings have.
-const CONFIG: &str = "config";
+pub(super) const CONFIG: &str = "config";
 pub(super) const PRINT: &str = "print_config";
 /// Arguments that say where and how a run's results go, and not what they are: `--print-config` leaves them out.
 const UNLISTED: [&str; 10] = [
@@ -228,7 +228,7 @@ pub(super) fn printed(command: &Command, given: &ArgMatches) -> String {
             .get_help()
             .map(ToString::to_string)
             .unwrap_or_default();
-        for line in textwrapped(&help) {
+        for line in wrapped(&help, 98) {
             let _ = write!(text, "\n# {line}");
         }
         let value = value_of(argument, given);
@@ -272,12 +272,13 @@ fn value_of(argument: &Arg, given: &ArgMatches) -> Option<String> {
     }
 }
 
-/// A text in lines of at most 100 characters.
-fn textwrapped(text: &str) -> Vec<String> {
+/// A text in lines of at most `width` characters, where no word is longer.
+pub(super) fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
         let line = lines.len() - 1;
-        if lines[line].len() + word.len() > 98 {
+        let taken = lines[line].chars().count() + usize::from(!lines[line].is_empty());
+        if taken > 0 && taken + word.chars().count() > width {
             lines.push(word.to_owned());
         } else {
             if !lines[line].is_empty() {

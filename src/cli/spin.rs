@@ -51,7 +51,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FRAME", conflicts_with = "fps")]
     exposure: Option<String>,
     /// How the spin is estimated.
-    #[arg(long, value_enum, default_value = "robust")]
+    #[arg(hide = true, long, value_enum, default_value = "robust")]
     method: Method,
     /// Frames per second, for rows at equal intervals: the times in the file are ignored.
     #[arg(long, value_name = "F", allow_negative_numbers = true)]

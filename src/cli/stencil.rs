@@ -14,8 +14,8 @@ use crate::stencil::{
 };
 
 #[cfg(feature = "mark")]
-use super::mark::Paper;
-use super::output::one_of;
+use super::mark::Sheet;
+use super::output::{Counter, one_of};
 use super::pattern::{PatternSource, warn_of_small_dots};
 
 #[derive(Debug, Args)]
@@ -25,21 +25,21 @@ pub struct Arguments {
     /// Folder for the files; made if it does not exist.
     #[arg(short, long, value_name = "DIR", default_value = "stencil")]
     output: PathBuf,
-    /// Also write coupon.stl: rings with clearances of 0.0 to 0.5 mm, to print first.
+    /// Also write coupon.stl: rings with clearances of 0.0 to 0.5 mm, to print first; that takes about as long as a half.
     #[arg(long)]
     coupon: bool,
     /// Replace a stencil that the folder holds already, with all its files.
     #[arg(long)]
     overwrite: bool,
     /// Engrave nothing: no dots' numbers, no names of the halves.
-    #[arg(long)]
+    #[arg(hide = true, long)]
     no_numbers: bool,
-    /// Paper of drawing.pdf.
+    /// Sheet of drawing.pdf.
     #[cfg(feature = "mark")]
-    #[arg(long, value_enum, default_value_t = Paper::A4)]
-    paper: Paper,
-    /// What holds the hinge together: an M3 screw (or --screw-diameter-mm), or a printed pin.
-    #[arg(long, value_parser = one_of(&Closure::ALL, Closure::as_str), default_value = "screw")]
+    #[arg(long, value_enum, default_value_t = Sheet::A4)]
+    sheet: Sheet,
+    /// What holds the hinge together: an M3 screw (or by the setting screw_diameter_mm), or a printed pin.
+    #[arg(hide = true, long, value_parser = one_of(&Closure::ALL, Closure::as_str), default_value = "screw")]
     closure: Closure,
     /// Cut each half into so many pieces, screwed together by ribs, for a bed that holds no whole half.
     #[arg(long, value_name = "N", default_value_t = 1)]
@@ -150,7 +150,7 @@ sizes! {
     /// Gap between the two rims [default: 0.2].
     seam_gap_mm setting: "MM" => seam_gap_mm,
     /// Nominal diameter of the hinge's screw [default: 3.0, M3; M2.5, M2 or M1.6 for balls under 40 mm].
-    screw_diameter_mm: "MM" => screw_diameter_mm,
+    screw_diameter_mm setting: "MM" => screw_diameter_mm,
     /// Clearance between the hinge's bore and its screw [default: 0.2].
     bore_allowance_mm setting: "MM" => bore_allowance_mm,
     /// Length of the hinge along its screw [default: 15, less for balls under 40 mm].
@@ -163,7 +163,8 @@ sizes! {
     tab_mm setting: "MM" => tab_mm,
     /// Width of the printer's nozzle [default: 0.4].
     nozzle_mm setting: "MM" => nozzle_mm,
-    /// Maximum distance of a facet from the surface that it approximates [default: 0.02].
+    /// Distance of a facet from the surface that it approximates, at most; up to a fifth more where slivers are removed
+    /// [default: 0.02].
     chord_error_mm setting: "MM" => chord_error_mm,
 }
 
@@ -230,6 +231,10 @@ impl Arguments {
     }
 }
 
+/// How long the plan, each half, and then pictures and drawing take, in parts: of `dots40` 0.5, 2.0, 2.0 and 0.5 s.
+const PARTS: [u64; 3] = [2, 8, 8];
+const LAST: u64 = 2;
+
 pub fn run(arguments: &Arguments) -> Result<()> {
     let ball = arguments.pattern.ball()?;
     let (pattern, config) = (ball.pattern(), arguments.config(&ball)?);
@@ -238,7 +243,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let advice = "choose another folder, or --overwrite it";
         files::reject_taken(dir, &FILES, "a stencil", advice)?;
     }
-    let stencil = Stencil::build(pattern, &config).map_err(|error| {
+    let counter = Counter::new(PARTS.iter().sum::<u64>() + LAST, "parts of the work");
+    let done = |step: usize| counter.add(PARTS[step]);
+    let stencil = Stencil::build_with(pattern, &config, &done).map_err(|error| {
+        counter.finish();
         with_largest(error, pattern, &config, arguments.hole_parameter(&config))
     })?;
     let rings = arguments.coupon.then(|| coupon(&config)).transpose()?;
@@ -258,9 +266,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     #[cfg(feature = "mark")]
     {
         let date = super::output::today();
-        let sheet = crate::mark::stencil_sheet(&stencil, arguments.paper.into(), Some(&date));
+        let sheet = crate::mark::stencil_sheet(&stencil, arguments.sheet.into(), Some(&date));
         files::write_bytes(&set.path().join(DRAWING), &crate::mark::pdf_bytes(&sheet))?;
     }
+    counter.finish();
     let pieces = piece_files();
     let replaced = FILES.into_iter().chain(pieces.iter().map(String::as_str));
     set.publish(&replaced.collect::<Vec<_>>(), "stencil.json")?;

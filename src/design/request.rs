@@ -139,7 +139,7 @@ impl DesignRequest {
     pub fn as_paper() -> Self {
         Self {
             protocol: DesignViews::Paper,
-            recognizer: RecognizerName::Paper,
+            recognizer: RecognizerName::Voting,
             objective: Some(ObjectiveName::MeanNn),
             descent: DescentMethod::Gradient,
             bound_weight: 0.0,

@@ -146,7 +146,7 @@ impl Caliper {
     }
 
     /// The same in lines for a sheet.
-    pub(super) fn words(&self, dot_diameter_mm: f64) -> [String; 3] {
+    pub(super) fn words(&self, dot_diameter_mm: f64) -> [String; 4] {
         let [a, b, c] = self.from;
         // Rounded down to what a caliper shows.
         let exact = (100.0 * self.exact_to_mm(dot_diameter_mm)).floor() / 100.0;
@@ -155,6 +155,8 @@ impl Caliper {
                 "Begin with dots {a}, {b} and {c}: the first anywhere, the others at their distances, as the \
                  maps show."
             ),
+            "Distances are straight through the ball (chords), as a caliper or dividers measure them."
+                .to_owned(),
             format!(
                 "A caliper that is off by {EXAMPLE_MM} mm puts a dot off by up to {:.2} mm (dot {}).",
                 EXAMPLE_MM * self.worst_ratio,

@@ -100,8 +100,9 @@ pub fn gores(pattern: &Pattern, config: &MarkConfig, gores: &GoreConfig) -> Resu
     note.insert("projection".into(), json!("cassini"));
     note.insert("pieces".into(), pieces);
     let title = format!("{} lobes", gores.lobes);
+    let block = format!("{title}, lettered from west to east");
     config
-        .title_block(&title, pattern)
+        .title_block(&block, pattern)
         .onto(gores.page, &mut pages);
     Ok(Drawing {
         title: config.title(&title, pattern),

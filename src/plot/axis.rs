@@ -92,6 +92,13 @@ impl Axis {
         }
     }
 
+    /// The axis of whole numbers: ticks stand at these only.
+    pub fn whole(mut self) -> Self {
+        self.ticks.retain(|t| (t - t.round()).abs() < 1e-9);
+        self.decimals = 0;
+        self
+    }
+
     /// A logarithmic axis from `low` to `high` (finite, `0 < low < high`).
     pub fn logarithmic(low: f64, high: f64, unit: Unit) -> Self {
         let (low, high) = (low.log10(), high.log10());

@@ -89,10 +89,12 @@ pub struct ScatterPlot {
 pub fn rate_curves(path: &Path, plot: &CurvePlot) -> Result<()> {
     let points = checked(&plot.series)?;
     let xs = points.iter().map(|p| p.x);
-    let x = if plot.log_x {
-        logarithmic("x", xs)?
-    } else {
-        Axis::linear("x", xs, Unit::Plain, UNBOUNDED)?
+    // Ranks and rounds have no halves.
+    let is_whole = xs.clone().all(|x| x == x.round());
+    let x = match (plot.log_x, is_whole) {
+        (true, _) => logarithmic("x", xs)?,
+        (false, true) => Axis::linear("x", xs, Unit::Plain, UNBOUNDED)?.whole(),
+        (false, false) => Axis::linear("x", xs, Unit::Plain, UNBOUNDED)?,
     };
     let y = rate_axis("rates", plot.scale, &points)?;
     picture(path, CURVES_SIZE, |root| {

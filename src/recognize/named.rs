@@ -11,20 +11,21 @@ use crate::view::ViewModel;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RecognizerName {
-    /// The SpinDOE paper's algorithm, the baseline.
-    Paper,
+    /// The SpinDOE paper's algorithm, the baseline. Files of before have the name of the paper.
+    #[serde(alias = "paper")]
+    Voting,
     /// The explanation that the whole set of dots supports best, the default.
     Robust,
 }
 
 impl RecognizerName {
-    /// All recognizers, the baseline first.
-    pub const ALL: [Self; 2] = [Self::Paper, Self::Robust];
+    /// All recognizers, the baseline last.
+    pub const ALL: [Self; 2] = [Self::Robust, Self::Voting];
 
     /// As written on the command line.
     pub fn as_str(self) -> &'static str {
         match self {
-            Self::Paper => "paper",
+            Self::Voting => "voting",
             Self::Robust => "robust",
         }
     }
@@ -68,7 +69,7 @@ impl NamedRecognizer {
     /// [`Error::Argument`] for parameters outside their domains.
     pub fn new(name: RecognizerName, ball: &Ball, view: &ViewModel) -> Result<Self> {
         Ok(match name {
-            RecognizerName::Paper => Self::Paper(Box::new(PaperRecognizer::for_ball(ball)?)),
+            RecognizerName::Voting => Self::Paper(Box::new(PaperRecognizer::for_ball(ball)?)),
             RecognizerName::Robust => {
                 let config = RobustConfig::from(*view);
                 Self::Robust(Box::new(RobustRecognizer::new(ball.pattern(), config)?))

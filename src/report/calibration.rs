@@ -3,18 +3,21 @@
 //! The folder holds `pattern.csv` and `table.npz` of the ball as it is drawn, `report.json`,
 //! `offsets.csv`, `report.html` and, where the crate is built with the feature `plot`, `offsets.png` and `dots.png`.
 
+mod work;
+
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use crate::ball::Ball;
 use crate::calibrate::{
-    Calibration, CalibrationConfig, DotState, HeldOut, MIN_EXPECTED_VIEWS, MotionResidual, held_out,
+    Calibration, CalibrationConfig, DotState, HeldOut, MIN_EXPECTED_VIEWS, MotionResidual,
+    SurfaceMark, held_out_with,
 };
 use crate::concurrency::StopFlag;
 use crate::error::Result;
 use crate::files;
-use crate::geometry::{Vec3, tangent_frame};
+use crate::geometry::{Vec3, angle_between, tangent_frame};
 use crate::pattern::Pattern;
 use crate::recognize::robust::RobustRecognizer;
 use crate::report::dot_set::DotSetReport;
@@ -23,6 +26,7 @@ use crate::stats::Proportion;
 use crate::validate::{Trials, Validation};
 use crate::view::ProtocolName;
 use crate::vision::FrameEstimate;
+use work::EvaluationWork;
 
 /// Version of a calibration's `report.json`.
 pub const CALIBRATION_REPORT_VERSION: u32 = 3;
@@ -52,6 +56,9 @@ pub struct DotReport {
     pub views: usize,
     /// Frames that should have, facing it well, at the rate of the other dots.
     pub expected_views: f64,
+    /// Its number in `marks.png`, of a ball without a table.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mark: Option<usize>,
 }
 
 /// A mark in the report.
@@ -65,6 +72,9 @@ pub struct MarkReport {
     pub views: usize,
     /// Its number in the calibrated pattern, where it was taken in.
     pub number: Option<usize>,
+    /// Its number in `marks.png`, of a ball without a table.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mark: Option<usize>,
 }
 
 /// The frames of the clip.
@@ -186,12 +196,13 @@ pub struct CalibrationSource<'a> {
 /// Evaluates a calibration.
 ///
 /// # Errors
-/// As [`held_out`] and [`Trials::run`](crate::validate::Trials::run).
+/// As [`held_out_with`] and [`Trials::run`](crate::validate::Trials::run).
 pub fn evaluate_calibration(
     calibration: &Calibration,
     source: &CalibrationSource<'_>,
     config: &CalibrationConfig,
     evaluation: &CalibrationEvaluationConfig,
+    done: &(dyn Fn(f64) + Sync),
 ) -> Result<CalibrationEvaluation> {
     let CalibrationSource {
         nominal,
@@ -218,6 +229,7 @@ pub fn evaluate_calibration(
             sigma_deg: dot.sigma_rad().to_degrees(),
             views: dot.views,
             expected_views: dot.expected_views,
+            mark: None,
         })
         .collect();
     let first_mark = calibration.dots.len() - calibration.count(DotState::Missing);
@@ -230,10 +242,12 @@ pub fn evaluate_calibration(
             found: m.found,
             views: m.views,
             number: m.covariance.map(|_| first_mark + k),
+            mark: None,
         });
+    let work = EvaluationWork::new(frames.len(), evaluation.samples, done);
     let monte_carlo = match evaluation.samples {
         0 => Vec::new(),
-        _ => monte_carlo(calibration, nominal, &pattern, evaluation)?,
+        _ => monte_carlo(calibration, nominal, &pattern, evaluation, &work)?,
     };
     let mut report = CalibrationReport {
         format_version: CALIBRATION_REPORT_VERSION,
@@ -255,7 +269,7 @@ pub fn evaluate_calibration(
         detection_rate: calibration.detection_rate,
         more_views: more_views(&dots),
         dots,
-        held_out: held_out(nominal, frames, times_s, config)?,
+        held_out: held_out_with(nominal, frames, times_s, config, &|n| work.frames(n))?,
         motion: times_s.and_then(|t| calibration.motion_residuals(frames, t)),
         monte_carlo,
         dot_set: match evaluation.samples {
@@ -296,6 +310,7 @@ fn monte_carlo(
     nominal: &Pattern,
     drawn: &Pattern,
     evaluation: &CalibrationEvaluationConfig,
+    work: &EvaluationWork<'_>,
 ) -> Result<Vec<ProtocolReport>> {
     let kept = |missing: bool| {
         let dots = calibration.dots.iter();
@@ -311,7 +326,7 @@ fn monte_carlo(
         let mut trials = Trials::first(ball, protocol.view(), seed, samples);
         trials.stop = evaluation.stop.map(StopFlag::flag);
         let recognizer = RobustRecognizer::new(known, trials.view.into())?;
-        let results = trials.run(&recognizer, &|_| {})?;
+        let results = trials.run(&recognizer, &|n| work.trials(n))?;
         Ok(Validation::of(&results, protocol, &trials).untimed())
     };
     let of_protocol = |protocol| {
@@ -338,6 +353,10 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
         let words: Vec<String> = numbers.iter().map(usize::to_string).collect();
         words.join(", ")
     };
+    let dots = |numbers: &[usize]| match numbers {
+        [one] => format!("dot {one}"),
+        more => format!("dots {}", list(more)),
+    };
     let FramesReport {
         with_ball, fitted, ..
     } = report.frames;
@@ -358,8 +377,8 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
     let missing: Vec<usize> = missing.map(|d| d.nominal_number).collect();
     if !missing.is_empty() {
         advice.push(format!(
-            "never found where they should be: dots {}",
-            list(&missing)
+            "never found where they should be: {}",
+            dots(&missing)
         ));
     }
     let doubtful = report
@@ -369,8 +388,8 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
     let doubtful: Vec<usize> = doubtful.map(|d| d.nominal_number).collect();
     if !doubtful.is_empty() {
         advice.push(format!(
-            "what is seen there may be print or a stain; look at dots {}",
-            list(&doubtful)
+            "what is seen there may be print or a stain; look at {}",
+            dots(&doubtful)
         ));
     }
     // What is built from the clip has no places that were meant.
@@ -455,6 +474,22 @@ impl CalibrationEvaluation {
 }
 
 impl CalibrationReport {
+    /// Notes which dots and marks have which numbers in `marks.png`, which shows `marks`.
+    pub fn number_marks(&mut self, marks: &[SurfaceMark]) {
+        let number = |direction: [f64; 3]| {
+            let off = |mark: &SurfaceMark| angle_between(&mark.direction, &direction.into());
+            let nearest =
+                (0..marks.len()).min_by(|a, b| off(&marks[*a]).total_cmp(&off(&marks[*b])))?;
+            (off(&marks[nearest]) < marks[nearest].radius_rad).then_some(nearest)
+        };
+        for dot in &mut self.dots {
+            dot.mark = number(dot.drawn);
+        }
+        for mark in &mut self.marks {
+            mark.mark = number(mark.direction);
+        }
+    }
+
     /// The offsets of the dots as CSV: along the meridian towards +z, and to the east of it.
     pub fn offsets_csv(&self) -> String {
         let mut text =
@@ -487,16 +522,18 @@ impl CalibrationReport {
         let marks = self.marks.iter().map(|mark| OffsetDot {
             nominal: mark.direction.into(),
             mark: OffsetMark::Drawn(mark.direction.into()),
-            label: "mark".to_owned(),
+            label: mark.mark.map_or("mark".to_owned(), |n| format!("mark {n}")),
         });
-        let title = format!(
-            "Drawn minus nominal: {:.2} deg rms over {} dots",
-            self.rms_offset_deg,
-            self.dots
-                .iter()
-                .filter(|d| d.state == DotState::Measured)
-                .count()
-        );
+        let measured = self.dots.iter().filter(|d| d.state == DotState::Measured);
+        let measured = crate::error::counted(measured.count(), "dot");
+        // What is built from the clip has no places that were meant.
+        let title = match self.nominal_sha256 {
+            Some(_) => format!(
+                "Drawn minus nominal: {:.2} deg rms over {measured}",
+                self.rms_offset_deg
+            ),
+            None => format!("{measured} as measured"),
+        };
         offset_views(path, &dots.chain(marks).collect::<Vec<_>>(), &title)
     }
 }

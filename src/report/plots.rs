@@ -6,6 +6,8 @@ use std::path::Path;
 use super::folder::read_ball;
 use super::{DesignEvaluation, DesignReport};
 use crate::ball::Ball;
+#[cfg(feature = "vision")]
+use crate::camera::CameraPoint;
 use crate::error::{Error, Result};
 use crate::plot::{
     BallDrawing, BarChart, BarGroup, CurvePlot, RatePoint, RateScale, RateSeries, bar_comparison,
@@ -241,7 +243,7 @@ fn rates(path: &Path, validation: &[NamedValidation]) -> Result<()> {
 /// A recognizer in a legend.
 fn recognizer_name(recognizer: RecognizerName) -> &'static str {
     match recognizer {
-        RecognizerName::Paper => "the paper's recognizer",
+        RecognizerName::Voting => "the paper's recognizer",
         RecognizerName::Robust => "our recognizer",
     }
 }
@@ -287,6 +289,39 @@ pub fn sensitivity_plots(
             series: swept_series(&of),
         };
         in_each_format(dir, name, formats, |path| rate_curves(path, &plot))?;
+    }
+    Ok(())
+}
+
+/// The curves of a camera's sweep, one picture per swept property, in each format: `sensitivity_ball_px` and so on.
+///
+/// # Errors
+/// [`crate::Error::Write`] on an I/O failure.
+#[cfg(feature = "vision")]
+pub fn camera_plots(dir: &Path, points: &[CameraPoint], formats: &[PictureFormat]) -> Result<()> {
+    for same in points.chunk_by(|a, b| a.parameter == b.parameter) {
+        let [first, _, ..] = same else { continue };
+        let series = |name: &str, of: fn(&CameraPoint) -> &Proportion| RateSeries {
+            name: name.to_owned(),
+            points: same.iter().map(|p| point(p.value, of(p))).collect(),
+        };
+        let plot = CurvePlot {
+            title: format!(
+                "Frames against {}: {} frames per point",
+                first.parameter.words(),
+                first.frames.right.trials
+            ),
+            x_label: first.parameter.words().into(),
+            y_label: "share of the frames".into(),
+            scale: RateScale::Success,
+            log_x: true,
+            series: vec![
+                series("right", |p| &p.frames.right),
+                series("wrong", |p| &p.frames.wrong),
+            ],
+        };
+        let name = format!("sensitivity_{}", first.parameter.as_str());
+        in_each_format(dir, &name, formats, |path| rate_curves(path, &plot))?;
     }
     Ok(())
 }

@@ -17,6 +17,9 @@ const SCREWS_MM: [f64; 4] = [3.0, 2.5, 2.0, 1.6];
 /// Clearance of a pen's tip in its hole, per side, mm: printers draw holes too small.
 const PEN_PLAY_MM: f64 = 0.2;
 
+/// Depth of the engraving as a fraction of the wall, and its bound, mm.
+const ENGRAVED: (f64, f64) = (0.2, 0.5);
+
 /// What holds the hinge together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -108,7 +111,8 @@ pub struct StencilConfig {
     pub numbers: bool,
     /// Width of the printer's nozzle, mm: no wall may be thinner. Default 0.4.
     pub nozzle_mm: f64,
-    /// Maximum distance of a facet from the surface that it stands for, mm. Default 0.02.
+    /// Distance of a facet from the surface that it stands for, mm: at most so much as it is made, and up to a fifth more where slivers
+    /// are removed. Default 0.02.
     pub chord_error_mm: f64,
 }
 
@@ -183,6 +187,11 @@ impl StencilConfig {
     /// Outer radius of the shell, mm.
     pub fn outer_radius_mm(&self) -> f64 {
         self.inner_radius_mm() + self.wall_mm
+    }
+
+    /// Radius of the engraving's floor, mm: four fifths of the wall remain, which is more than a nozzle's width.
+    pub fn engraving_radius_mm(&self) -> f64 {
+        self.outer_radius_mm() - (ENGRAVED.0 * self.wall_mm).min(ENGRAVED.1)
     }
 
     /// How far the dome's inside is relieved around its top, mm.

@@ -37,8 +37,6 @@ const LABEL_PLACES: usize = 1200;
 const ARROW: f64 = 1.6;
 /// Characters of the pattern's SHA-256 that its label shows.
 pub(super) const ID_DIGITS: usize = 6;
-/// Depth of the engraving as a fraction of the wall, and its bound, mm.
-const DEPTH: (f64, f64) = (0.2, 0.5);
 /// Minimum distance of a number from anything else, and from other numbers, mm.
 const CLEAR_MM: f64 = 0.5;
 const NUMBERS_APART_MM: f64 = 1.6;
@@ -383,15 +381,9 @@ pub(super) fn words_at(
     tool(&Place::new(*center, &words), &words, config)
 }
 
-/// Depth of the engraving, mm: four fifths of the wall remain, which is more than a nozzle's width.
-pub(super) fn depth_mm(config: &StencilConfig) -> f64 {
-    (DEPTH.0 * config.wall_mm).min(DEPTH.1)
-}
-
 /// What the engraving leaves: the sphere of its bottom.
 pub(super) fn floor(config: &StencilConfig) -> Mesh {
-    let radius = config.outer_radius_mm() - depth_mm(config);
-    shapes::sphere(radius, config.chord_error_mm)
+    shapes::sphere(config.engraving_radius_mm(), config.chord_error_mm)
 }
 
 /// Places around the hole of `dot` that keep clear of everything but other numbers, nearest first,
@@ -438,7 +430,7 @@ fn places(
 /// The prism over `words` in `place`, from below the engraving's bottom to above the shell.
 fn tool(place: &Place, words: &Words, config: &StencilConfig) -> Result<Mesh> {
     let radius = config.outer_radius_mm();
-    let floor = radius - depth_mm(config);
+    let floor = config.engraving_radius_mm();
     let reach = words.half_width.hypot(words.half_height).min(0.9 * floor);
     let bottom = (floor * floor - reach * reach).sqrt() - CLEAR_MM;
     let prism = Solid::extruded(&words.outlines, radius + CLEAR_MM - bottom)?.mesh();

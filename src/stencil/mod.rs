@@ -234,7 +234,20 @@ impl Stencil {
     /// [`crate::Error::Argument`] where a parameter is outside its domain or the geometry cannot work
     /// (with the value that fails); [`crate::Error::Internal`] where a mesh fails its own checks.
     pub fn build(pattern: &Pattern, config: &StencilConfig) -> Result<Self> {
+        Self::build_with(pattern, config, &|_| {})
+    }
+
+    /// The same; `done` hears of the plan and of each half, whose number is 0, 1 and 2.
+    ///
+    /// # Errors
+    /// As [`Stencil::build`].
+    pub fn build_with(
+        pattern: &Pattern,
+        config: &StencilConfig,
+        done: &dyn Fn(usize),
+    ) -> Result<Self> {
         let Plan { joint, layout } = Plan::new(pattern, config)?;
+        done(0);
         let sides = layout.dots.iter().zip(&layout.cuts).map(|(d, cuts)| {
             if !cuts.contains(&Cut::None) {
                 HoleSide::Both
@@ -256,7 +269,9 @@ impl Stencil {
             ]
         };
         let a = half::build(&layout, HalfName::A, &labels("A"), config, &joint)?;
+        done(1);
         let b = half::build(&layout, HalfName::B, &labels("B"), config, &joint)?;
+        done(2);
         Ok(Self {
             config: config.clone(),
             joint,
@@ -304,7 +319,7 @@ impl Stencil {
 
     /// Radius of the engraving's floor, mm.
     pub fn engraving_radius_mm(&self) -> f64 {
-        self.config.outer_radius_mm() - marks::depth_mm(&self.config)
+        self.config.engraving_radius_mm()
     }
 
     /// Openings over the pattern's zones without dots.

@@ -130,7 +130,7 @@ pub fn sensitivity(
     }
     let trials = Trials {
         stop,
-        ..at(RecognizerName::Paper, *protocol).trials(ball.pattern())
+        ..at(RecognizerName::Voting, *protocol).trials(ball.pattern())
     };
     let mut paper = PaperRecognizer::for_ball(ball)?;
     for &alpha in &config.alphas {
@@ -140,7 +140,7 @@ pub fn sensitivity(
         })?;
         let results = trials.run(&paper, &|_| {})?;
         let found = NamedValidation {
-            recognizer: RecognizerName::Paper,
+            recognizer: RecognizerName::Voting,
             validation: Validation::of(&results, protocol.name(), &trials),
         };
         keep(SweptParameter::Alpha, alpha, found)?;

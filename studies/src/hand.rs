@@ -69,7 +69,7 @@ const GUIDED_TURN: [f64; 2] = [1.1 * TAU, 1.5 * TAU];
 /// How dots are drawn and the ball is turned.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Habits {
-    /// Anyhow.
+    /// Without a plan.
     Any,
     /// As docs/hand-drawn.md asks for.
     Guided,

@@ -362,10 +362,7 @@ fn arguments() {
     let orientations = Orientations::from_measurements(&sequence.measurements);
     orientations.write_csv(&dir.path().join("o.csv")).unwrap();
     let commands: [(&[&str], &[&str]); 4] = [
-        (
-            &["validate", "p.csv"],
-            &["--samples", "--sigma-deg", "--seed"],
-        ),
+        (&["validate", "p.csv"], &["--samples", "--config", "--seed"]),
         (&["spin", "o.csv"], &["--fps", "--max-spin-rps", "--config"]),
         (&["table", "p.csv", "-o", "t.npz"], &[]),
         (

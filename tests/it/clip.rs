@@ -100,7 +100,10 @@ fn two_balls(dir: &Path) {
         "20",
     ];
     done(dir, &[&make[..], &["-o", "two"]].concat());
-    done(dir, &[&make[..], &["--mirrored", "-o", "flipped"]].concat());
+    done(
+        dir,
+        &[&make[..], &["--config=mirrored=true", "-o", "flipped"]].concat(),
+    );
 }
 
 const TABLES: [&str; 7] = [
@@ -217,7 +220,7 @@ fn a_mirrored_stream_is_read_as_its_camera_saw_it() {
         let mirror = if flags.is_empty() {
             &[][..]
         } else {
-            &["--mirrored"]
+            &["--config=mirrored=true"]
         };
         done(dir.path(), &[&make[..], mirror].concat());
         let images = std::fs::read_dir(dir.path().join(name).join("images")).unwrap();
@@ -227,10 +230,8 @@ fn a_mirrored_stream_is_read_as_its_camera_saw_it() {
         let stream = bytes.collect::<Vec<_>>().concat();
         std::fs::write(dir.path().join("stream"), stream).unwrap();
         let table = format!("{name}/table.npz");
-        let follow = [
-            "estimate", "--table", &table, "--follow", "stream", "--fps", "350",
-        ];
-        let text = done(dir.path(), &[&follow[..], flags].concat());
+        let live = ["live", "--table", &table, "stream", "--fps", "350"];
+        let text = done(dir.path(), &[&live[..], flags].concat());
         let frame = |line: &str| {
             let mut json: Value = serde_json::from_str(line).unwrap();
             json["latency_ms"] = Value::Null;

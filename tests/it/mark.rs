@@ -647,7 +647,7 @@ fn bad_input_is_one_line_and_leaves_no_file() {
         ),
         (&["--as", "plotter", "-o", "out.pdf"], ".svg or .gcode"),
         (
-            &["--as", "gores", "-o", "out.svg", "--lobes", "11"],
+            &["--as", "gores", "-o", "out.svg", "--config=lobes=11"],
             "12 to 24",
         ),
         (
@@ -736,8 +736,9 @@ fn other_readers_find_every_dot_in_its_place() {
             (0.1 * ball).to_string(),
             format!("pen_diameter_mm={}", 0.02 * ball),
         );
-        let paper = ["--paper", page];
-        let gores = ["--paper", page, "--lobes", &lobes];
+        let lobes = format!("--config=lobes={lobes}");
+        let paper = ["--sheet", page];
+        let gores = ["--sheet", page, &lobes];
         let plotter = ["--config", &pen];
         for (way, ending, own) in [
             ("gores", "svg", &gores[..]),

@@ -110,7 +110,10 @@ fn estimate(path: &Path) {
         estimate: frame.estimate(),
     });
     let rows = orientations(&named.collect::<Vec<_>>(), CameraFrame::View, false);
-    let page = EstimatePage::new(&pattern, &batch, &rows, None, |_| Ok(None)).unwrap();
+    let page = EstimatePage::new(&Ball::new(pattern.clone()), &batch, &rows, None, |_| {
+        Ok(None)
+    })
+    .unwrap();
     std::fs::write(path, page.html().unwrap()).unwrap();
 }
 
@@ -142,7 +145,7 @@ fn calibration(dir: &Path) -> PathBuf {
         seed: 1,
         stop: None,
     };
-    let mut evaluated = evaluate_calibration(&found, &source, &config, &trials).unwrap();
+    let mut evaluated = evaluate_calibration(&found, &source, &config, &trials, &|_| {}).unwrap();
     evaluated.report.command = Some("spindoe calibrate --table 'a <b>' clip".to_owned());
     let folder = dir.join("ball");
     evaluated.write(&folder).unwrap();

@@ -498,7 +498,7 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
         .collect();
     assert_eq!(ends, [",0,0", ",1,1", ",2,2"]);
     let json: serde_json::Value =
-        serde_json::from_str(&run(&[&strobed[..], &["--golf", "--json"]].concat())).unwrap();
+        serde_json::from_str(&run(&[&strobed[..], &["--preset=golf", "--json"]].concat())).unwrap();
     let best = &json["frames"][0]["strobe"]["hypotheses"][0];
     assert!(
         best["golf"]["backspin_rpm"].as_f64().unwrap() > 1_000.0,
@@ -518,7 +518,7 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
     // The words of golf are of the same axes whatever those of the vectors are.
     let optical: serde_json::Value = serde_json::from_str(&run(&[
         &strobed[..],
-        &["--golf", "--json", "--frame", "optical"],
+        &["--preset=golf", "--json", "--frame", "optical"],
     ]
     .concat()))
     .unwrap();
@@ -549,7 +549,7 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
         (&["--strobe-ms", "0,1001"], "2 to 8 times within 1000 ms"),
         (&["--balls", "0"], "expected 1 to 16, or auto"),
         (&["--balls", "auto", "--calibrate"], "--calibrate"),
-        (&["--golf"], "--strobe-ms"),
+        (&["--preset=golf"], "--strobe-ms"),
         (&["--strobe-ms", "0,,1"], "expected milliseconds"),
         (
             &["--strobe-ms", "1x9"],
@@ -574,14 +574,10 @@ fn a_pipe_of_exposures_gives_what_their_files_give() {
         dir.path(),
         &[&["synth", "dots20"][..], &flashes, &make].concat(),
     );
-    let estimate = [
-        &["estimate", "--table", "e/table.npz", "--golf"][..],
-        &flashes,
-    ]
-    .concat();
+    let asked = [&["--table", "e/table.npz", "--preset=golf"][..], &flashes].concat();
     let files = done(
         dir.path(),
-        &[&estimate[..], &["--json", "e/images"]].concat(),
+        &[&["estimate"], &asked[..], &["--json", "e/images"]].concat(),
     );
     let files: serde_json::Value = serde_json::from_str(&files).unwrap();
     let image = |k: usize| dir.path().join(format!("e/images/frame-{k:06}.png"));
@@ -589,8 +585,8 @@ fn a_pipe_of_exposures_gives_what_their_files_give() {
         .flat_map(|k| std::fs::read(image(k)).unwrap())
         .collect();
     std::fs::write(dir.path().join("stream"), stream).unwrap();
-    let follow = ["--follow", "stream", "--fps", "10"];
-    let lines = done(dir.path(), &[&estimate[..], &follow].concat());
+    let live = ["live", "stream", "--fps", "10"];
+    let lines = done(dir.path(), &[&live, &asked[..]].concat());
     let mut several = 0;
     for (k, line) in lines.lines().enumerate() {
         let line: serde_json::Value = serde_json::from_str(line).unwrap();
@@ -770,7 +766,13 @@ fn exposures_of_several_tables_have_one_ball_each_and_are_drawn() {
     // The same flashes as a period and as times.
     let make = ["--strobe-ms", "0.9x3", "--frames", "3", "--seed", "11"];
     run(&[&["synth", "dots24", "-o", "e"][..], &make].concat());
-    let strobed = &["estimate", "--strobe-ms", "0,0.9,1.8", "--golf", "e/images"];
+    let strobed = &[
+        "estimate",
+        "--strobe-ms",
+        "0,0.9,1.8",
+        "--preset=golf",
+        "e/images",
+    ];
     let alone = run(&[&strobed[..], &["--table", "e/table.npz"]].concat());
     let text = run(&[
         &strobed[..],
@@ -958,7 +960,14 @@ fn a_launch_monitor_is_advised() {
     let dir = tempfile::tempdir().unwrap();
     let words = done(
         dir.path(),
-        &["advise", "dots20", "dots32", "--golf", "--samples", "4"],
+        &[
+            "advise",
+            "dots20",
+            "dots32",
+            "--preset=golf",
+            "--samples",
+            "4",
+        ],
     );
     assert!(
         words.contains("flashes at 0.000, 0.900, 2.100 ms"),
@@ -970,7 +979,7 @@ fn a_launch_monitor_is_advised() {
         &[
             "advise",
             "dots32",
-            "--golf",
+            "--preset=golf",
             "--samples",
             "3",
             "--strobe-ms",
@@ -985,7 +994,7 @@ fn a_launch_monitor_is_advised() {
     assert_eq!(rates["posed"]["trials"], 4, "{json}");
     assert!(rates["posed"]["successes"].as_u64() >= Some(3), "{json}");
     for flag in [&["--fps", "100"][..], &["--camera", "dark"]] {
-        let output = spindoe(dir.path(), &[&["advise", "--golf"], flag].concat());
+        let output = spindoe(dir.path(), &[&["advise", "--preset=golf"], flag].concat());
         assert_eq!(output.status.code(), Some(2));
     }
     let output = spindoe(dir.path(), &["advise", "--strobe-ms", "0,1"]);

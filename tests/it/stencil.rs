@@ -441,12 +441,12 @@ fn dots_that_a_camera_hardly_sees_are_warned_of() {
         "pattern.csv",
         "-o",
         "thin",
-        "--no-numbers",
+        "--config=no_numbers=true",
         "--dot-diameter-mm",
         "1.4",
     ]);
     assert!(thin.contains("note: dots of 1.4 mm"), "{thin}");
-    let usual = said(&["pattern.csv", "-o", "usual", "--no-numbers"]);
+    let usual = said(&["pattern.csv", "-o", "usual", "--config=no_numbers=true"]);
     assert!(!usual.contains("note: dots"), "{usual}");
 }
 
@@ -1332,7 +1332,7 @@ fn pieces_come_and_go_with_their_stencil() {
             "--overwrite",
             "--ball-diameter-mm",
             "120",
-            "--no-numbers",
+            "--config=no_numbers=true",
         ];
         let coarse = ["--dot-diameter-mm", "6", "--config", "chord_error_mm=0.2"];
         spindoe(dir.path(), &[&usual[..], &coarse, more].concat())

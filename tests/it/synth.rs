@@ -446,7 +446,7 @@ fn refuses_what_it_cannot_use() {
         (&["pattern.csv", "--output", "o", "--frames", "0"], "frames"),
         (&["pattern.csv", "--output", "taken"], "taken"),
         (
-            &["pattern.csv", "--output", "o", "--kind", "cube"],
+            &["pattern.csv", "--output", "o", "--config=kind=cube"],
             "--kind",
         ),
         (

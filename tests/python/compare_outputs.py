@@ -29,7 +29,7 @@ IGNORED = {
     "command", "elapsed_s", "format_version", "median_us_per_identification", "seconds",
     "spindoe_version", "timing", "us_per_identification", "version",
 }
-RECOGNIZERS = ("paper", "robust")
+RECOGNIZERS = ("voting", "robust")
 PROTOCOLS = ("paper", "sparse", "clutter", "image")
 TOLERANCE = 1e-4
 
@@ -49,20 +49,21 @@ def produce(binary, folder, objectives, pattern):
             "100", "--seed", "1", f"--config=objective={name}", "-o", f"design-{name}")
     (folder / "given.csv").write_text(pattern)
     run(binary, folder, "table", "given.csv", "-o", "table.npz")
-    run(binary, folder, "validate", "given.csv", "--sweep=noise,alpha", "-o", "sweep", "--samples", "50", "--seed", "2")
+    run(binary, folder, "validate", "given.csv", "--sweep=noise", "--config=sweep_alpha=0.003,0.01,0.03,0.1,0.3,1",
+        "-o", "sweep", "--samples", "50", "--seed", "2")
     run(binary, folder, "stencil", "given.csv", "-o", "stencil")
     for protocol in PROTOCOLS:
         run(binary, folder, "synth", "given.csv", "--as=dots", "--protocol", protocol, "--frames", "300",
             "--seed", "3", "-o", f"{protocol}.csv")
         for name in RECOGNIZERS:
-            words = run(binary, folder, "validate", "given.csv", "--protocol", protocol, "--recognizer",
-                        name, "--samples", "300", "--seed", "3", "--json")
+            words = run(binary, folder, "validate", "given.csv", "--protocol", protocol,
+                        f"--config=recognizer={name}", "--samples", "300", "--seed", "3", "--json")
             (folder / f"validate-{protocol}-{name}.json").write_text(words)
             run(binary, folder, "identify", "--table", "table.npz", f"{protocol}.csv",
-                "--recognizer", name, "-o", f"identify-{protocol}-{name}.csv")
+                f"--config=recognizer={name}", "-o", f"identify-{protocol}-{name}.csv")
     run(binary, folder, "synth", "--as=orientations", "-o", "turning.csv", "--rps", "30", "--frames", "12", "--seed", "4")
     for method in ("quatera", "robust"):
-        words = run(binary, folder, "spin", "turning.csv", "--method", method, "--json")
+        words = run(binary, folder, "spin", "turning.csv", f"--config=method={method}", "--json")
         (folder / f"spin-{method}.json").write_text(words)
     run(binary, folder, "synth", "given.csv", "--as=images", "-o", "images", "--frames", "6", "--seed", "5",
         "--config=size_px=100")

@@ -9,7 +9,7 @@ use super::surface::Surface;
 use crate::geometry::{Vec3, tangent_frame};
 use crate::stats::median;
 
-/// The least darkness of a mark, over the bare ball's brightness and over the noise of a place.
+/// The minimum darkness of a mark, over the bare ball's brightness and over the noise of a place.
 const LEAST: f32 = 0.008;
 const OVER_NOISE: f32 = 4.0;
 /// A mark's darkest place is the darkest so near, radians.
@@ -52,7 +52,7 @@ pub(super) struct Mark {
     /// The angular radius of a disc of its area, radians.
     pub radius: f64,
     pub shape: Shape,
-    /// The least number of views that show a place of it.
+    /// The minimum number of views that show a place of it.
     pub views: usize,
     /// See [`Place::steady`](super::surface::Place::steady), the mean over its places.
     pub steady: f64,

@@ -32,7 +32,7 @@ mod tidy;
 
 use super::config::CalibrationConfig;
 use super::result::CalibrationRejection;
-use crate::error::{Error, Result, require};
+use crate::error::{Error, Result, counted, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::vision::FrameEstimate;
 use crate::vision::painted::PaintedFrame;
@@ -48,6 +48,16 @@ use marks::{MiddleDisc, marks};
 use seen::Seen;
 use surface::Surface;
 pub use survey::{MarkedSurface, MissingSide, Side, SurfaceMark, SurfacePlace, Survey};
+
+/// The verb of so many.
+fn are(count: usize) -> &'static str {
+    if count == 1 { "is" } else { "are" }
+}
+
+/// What so many marks are.
+fn a_dot(count: usize) -> &'static str {
+    if count == 1 { "a dot" } else { "dots" }
+}
 
 /// Minimum number of dots of a frame that begins a map.
 const MIN_SEED: usize = 5;
@@ -109,7 +119,8 @@ pub enum UnknownRejection {
     },
     /// Marks that may be dots or print.
     #[error(
-        "{doubtful} marks may be dots or print, beside {sure} that are dots: a person must say which are"
+        "{} may be {} or print, beside {}: a person must say which are dots",
+        counted(*doubtful, "mark"), a_dot(*doubtful), counted(*sure, "sure dot")
     )]
     Doubtful {
         /// Marks that are dots.
@@ -119,8 +130,8 @@ pub enum UnknownRejection {
     },
     /// Print beside the dots.
     #[error(
-        "there is print on the ball, beside {sure} marks that look like dots and {doubtful} that may be: a person \
-         must say which are"
+        "there is print on the ball, beside {} and {doubtful} that may be: a person must say which are dots",
+        counted(*sure, "likely dot")
     )]
     Printed {
         /// Marks that look like dots.
@@ -130,7 +141,8 @@ pub enum UnknownRejection {
     },
     /// Marks that hardly face the camera.
     #[error(
-        "too static a clip: {dots} marks that may be dots never face the camera; turn their side of the ball to it"
+        "too static a clip: {} that may be {} never faced the camera; turn that side of the ball to it",
+        counted(*dots, "mark"), a_dot(*dots)
     )]
     TurnedAway {
         /// Number of these marks.
@@ -138,8 +150,8 @@ pub enum UnknownRejection {
     },
     /// Dots that were found and are not confirmed when the clip is estimated with them.
     #[error(
-        "{dots} of {found} dots are seen too seldom, or not alike in all frames: turn every side of the ball to the \
-         camera, for longer"
+        "{dots} of {} {} seen too seldom, or not alike in all frames: turn every side of the ball to the camera, \
+         for longer", counted(*found, "dot"), are(*dots)
     )]
     Unconfirmed {
         /// Number of these dots.
@@ -151,7 +163,8 @@ pub enum UnknownRejection {
     },
     /// Dots that the detector rarely finds.
     #[error(
-        "{dots} dots are too faint or too small to be found in most frames: draw them larger and darker"
+        "{} {} too faint or too small to be found in most frames: draw the dots larger and darker",
+        counted(*dots, "dot"), are(*dots)
     )]
     TooFaint {
         /// Number of these dots.
@@ -197,7 +210,7 @@ pub enum UnknownRejection {
     #[error(transparent)]
     Uncalibrated(CalibrationRejection),
     /// Another number of dots than expected.
-    #[error("expected {expected} dots, the clip shows {found}")]
+    #[error("expected {}, the clip shows {found}", counted(*expected, "dot"))]
     WrongNumber {
         /// Dots expected.
         expected: usize,
@@ -205,13 +218,15 @@ pub enum UnknownRejection {
         found: usize,
     },
     /// Marks that are said to be dots and are none of this clip's.
-    #[error("{marks} of the marks that are said to be dots are not on the ball of this clip")]
+    #[error(
+        "{marks} of the marks that are said to be dots {} not on the ball of this clip", are(*marks)
+    )]
     OtherMarks {
         /// Number of these marks.
         marks: usize,
     },
     /// Too few or too many dots for a pattern.
-    #[error("the clip shows {found} dots, a pattern has {MIN_DOTS} to {MAX_DOTS}")]
+    #[error("the clip shows {}, a pattern has {MIN_DOTS} to {MAX_DOTS}", counted(*found, "dot"))]
     NoPattern {
         /// Dots found.
         found: usize,

@@ -8,7 +8,7 @@ use crate::ball::Ball;
 use crate::calibrate::{
     Calibration, CalibrationConfig, KnownDots, MarkedSurface, calibrate, identify_frames,
 };
-use crate::cli::inputs;
+use crate::cli::inputs::{self, Counting};
 use crate::clip::{self, Batch, BatchConfig, BatchFrame, SequenceOutcome};
 use crate::error::{Error, Result};
 use crate::vision::{Estimator, FrameEstimate};
@@ -98,7 +98,9 @@ fn estimated(
     config: &CalibrationConfig,
 ) -> Result<Batch<()>> {
     let estimator = Estimator::for_ball(ball, config.estimator, arguments.images.detector()?)?;
-    let batch = clip::run(&estimator, &arguments.clip, settings, &())?;
+    let counting = Counting::new(&arguments.clip, ());
+    let batch = clip::run(&estimator, &arguments.clip, settings, &counting)?;
+    counting.finish();
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         errln!("note: the times do not increase from frame to frame: they are not used");
     }

@@ -10,10 +10,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::images::{ImageArguments, read_balls};
+use super::images::{ImageArguments, TimesArgument, read_balls};
+use super::output::Counter;
 use crate::calibrate::{CalibrationConfig, KnownDots};
 use crate::clip::BatchConfig;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, counted};
 use crate::files::{self, Replacement};
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
 use crate::report::CHECKPOINT;
@@ -98,6 +99,8 @@ pub struct Arguments {
     seed: u64,
     #[command(flatten)]
     images: ImageArguments,
+    #[command(flatten)]
+    times: TimesArgument,
     /// Print the report as one JSON object instead of words.
     #[arg(long)]
     json: bool,
@@ -141,9 +144,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         frames: &clip.frames.estimates,
         times_s: clip.frames.times_s.as_deref(),
     };
-    let mut evaluated = evaluate_calibration(&clip.calibration, &source, &config, &evaluation)?;
+    let counter = Counter::new(100, "% of the evaluation");
+    let done = |share: f64| counter.set((100.0 * share) as u64);
+    let mut evaluated =
+        evaluate_calibration(&clip.calibration, &source, &config, &evaluation, &done)?;
+    counter.finish();
     evaluated.report.command = Some(crate::cli::output::command_line());
     evaluated.ball = evaluated.ball.with_design(clip.ball.design().cloned())?;
+    if let Some(surface) = &clip.surface {
+        evaluated.report.number_marks(&surface.marks);
+    }
     evaluated.write(set.path())?;
     if let Some(surface) = &clip.surface {
         marks::write(set.path(), surface)?;
@@ -154,9 +164,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if clip.surface.is_some() && known == KnownDots::Nothing {
         // Print that looks like a dot is one to every test.
         errln!(
-            "note: {} dots were found: compare that with the ball and with {}; where it differs name the dots \
+            "note: {} found: compare that with the ball and with {}; where it differs name the dots \
              (--overwrite --marks)",
-            clip.ball.pattern().len(),
+            counted(clip.ball.pattern().len(), "dot"),
             arguments.output.join(marks::PICTURE).display()
         );
     }
@@ -196,7 +206,7 @@ impl Arguments {
             outline,
             circles,
             roi: self.images.roi()?,
-            clock: self.images.clock()?,
+            clock: self.images.clock(&self.times)?,
             max_pixels: self.images.max_pixels,
             ..BatchConfig::default()
         })

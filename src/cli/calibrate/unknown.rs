@@ -9,7 +9,7 @@ use crate::calibrate::{
     BuiltPattern, Calibration, CalibrationConfig, KnownDots, MarkedSurface, MissingSide,
     SurfaceObserver, Survey, UnknownRejection, calibrate_built, matching_design, survey,
 };
-use crate::cli::inputs;
+use crate::cli::inputs::{self, Counting};
 use crate::clip::{self, BatchConfig};
 use crate::error::{Error, Result};
 use crate::pattern::Pattern;
@@ -67,8 +67,9 @@ pub(super) fn find(
 ) -> Result<UnknownBall> {
     let estimator = stand_in(arguments, config)?;
     let settings = SurfaceObserver::settings(settings.clone());
-    let observer = SurfaceObserver::default();
+    let observer = Counting::new(&arguments.clip, SurfaceObserver::default());
     let mut batch = clip::run(&estimator, &arguments.clip, &settings, &observer)?;
+    observer.finish();
     inputs::say(&batch, &settings)?;
     let names: Vec<String> = batch.frames.iter().map(|f| f.name.clone()).collect();
     let frames = batch.frames.iter_mut();

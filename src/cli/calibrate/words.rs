@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::calibrate::{Calibration, DotState};
+use crate::error::counted;
 use crate::report::calibration::{CalibrationEvaluation, CalibrationReport};
 
 /// Summarizes the calibration.
@@ -36,7 +37,13 @@ pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, 
             DotState::Missing,
             "never found where they should be, left out",
         ),
-        (DotState::Unseen, "not seen, left at their nominal places"),
+        (
+            DotState::Unseen,
+            match is_design {
+                true => "not seen, left at their nominal places",
+                false => "seen too seldom to be measured",
+            },
+        ),
         (
             DotState::Doubtful,
             "may be print or stains, taken for less certain",
@@ -44,8 +51,8 @@ pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, 
     ] {
         let dots = evaluated.report.dots.iter().filter(|d| d.state == state);
         let numbers: Vec<String> = dots.map(|d| d.nominal_number.to_string()).collect();
-        if !numbers.is_empty() {
-            outln!("  {words}: dots {}", numbers.join(", "));
+        if let Some(which) = numbered(&numbers) {
+            outln!("  {words}: {which}");
         }
     }
     for mark in &evaluated.report.marks {
@@ -55,19 +62,30 @@ pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, 
             None if is_design => "left out (--learn-extra takes it in)".to_owned(),
             None => "left out".to_owned(),
         };
+        let which = match mark.mark {
+            Some(number) => format!("mark {number} of {}", super::marks::PICTURE),
+            None => format!("a mark at ({x:.3}, {y:.3}, {z:.3})"),
+        };
         outln!(
-            "  a mark at ({x:.3}, {y:.3}, {z:.3}), found in {} of {} views: {taken}",
+            "  {which}, found in {} of {}: {taken}",
             mark.found,
-            mark.views
+            counted(mark.views, "view")
         );
     }
     if frames.with_other_balls > 0 {
         outln!(
-            "  {} frames show more than one ball",
-            frames.with_other_balls
+            "  more than one ball in {}",
+            counted(frames.with_other_balls, "frame")
         );
     }
-    if !held_out.frames.is_empty() {
+    let is_judged = !held_out.frames.is_empty();
+    if is_judged && !is_design {
+        outln!(
+            "  frames that took no part: median residual {:.2} deg; {:.1} dots a frame",
+            held_out.median_deg[1],
+            held_out.mean_matched[1]
+        );
+    } else if is_judged {
         outln!(
             "  frames that took no part: median residual {:.2} deg before, {:.2} deg after; {:.1} and {:.1} dots a frame",
             held_out.median_deg[0],
@@ -77,16 +95,18 @@ pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, 
         );
     }
     if let Some([before, after]) = motion {
-        outln!(
-            "  off one smooth rotation{}: median {:.2} deg before, {:.2} deg after",
-            if after.precessing {
-                " (precessing)"
-            } else {
-                ""
-            },
-            before.median_deg,
-            after.median_deg
-        );
+        let how = if after.precessing {
+            " (precessing)"
+        } else {
+            ""
+        };
+        let before = match is_design {
+            true => format!("{:.2} deg before, ", before.median_deg),
+            false => String::new(),
+        };
+        let after_deg = after.median_deg;
+        let after = if is_design { " after" } else { "" };
+        outln!("  off one smooth rotation{how}: median {before}{after_deg:.2} deg{after}");
     }
     for line in advice {
         outln!("  {line}");
@@ -96,5 +116,14 @@ pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, 
         for line in set.words() {
             outln!("  {line}");
         }
+    }
+}
+
+/// `dot 3`, or `dots 3, 7`.
+fn numbered(numbers: &[String]) -> Option<String> {
+    match numbers {
+        [] => None,
+        [one] => Some(format!("dot {one}")),
+        more => Some(format!("dots {}", more.join(", "))),
     }
 }

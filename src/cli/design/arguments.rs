@@ -124,7 +124,7 @@ pub struct Arguments {
     #[arg(long, value_parser = one_of(&DesignViews::ALL, DesignViews::as_str), default_value_t = DesignViews::Mixed, default_value_ifs([("add", ArgPredicate::IsPresent, Some("clutter")), ("preset", ArgPredicate::IsPresent, Some("paper"))]))]
     protocol: DesignViews,
     /// The recognizer that candidates are tried with.
-    #[arg(hide = true, long, value_parser = one_of(&RecognizerName::ALL, RecognizerName::as_str), default_value_t = RecognizerName::Robust, default_value_if("preset", ArgPredicate::IsPresent, "paper"))]
+    #[arg(hide = true, long, value_parser = one_of(&RecognizerName::ALL, RecognizerName::as_str), default_value_t = RecognizerName::Robust, default_value_if("preset", ArgPredicate::IsPresent, "voting"))]
     recognizer: RecognizerName,
     /// How a descent finds its steps: program (sequential convex programming), lbfgs or gradient (steepest descent over
     /// spherical coordinates, as in the SpinDOE paper).

@@ -1,8 +1,8 @@
 //! `spindoe estimate`: from images to orientations, and with times to the spin.
 
 mod arguments;
-mod balls;
-mod follow;
+mod asked;
+pub(super) mod balls;
 mod output;
 #[cfg(feature = "plot")]
 mod overlay;
@@ -12,12 +12,13 @@ mod painted;
 mod verdict;
 #[cfg(feature = "plot")]
 mod video;
-mod written;
+pub(super) mod written;
 
 use std::io::Write;
 
-use super::inputs;
-use super::output::Counter;
+use clap::ArgMatches;
+
+use super::inputs::{self, Counting};
 use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::clip::{
     self, BallEstimate, Batch, BatchConfig, BatchFrame, BatchObserver, SequenceOutcome,
@@ -29,13 +30,14 @@ use crate::geometry::CameraFrame;
 use crate::image::RgbImage;
 use crate::vision::{Estimator, FrameEstimate};
 pub use arguments::Arguments;
+use arguments::Shown;
+pub(super) use asked::{Asked, Preset};
 use output::{Evidence, Report};
 
-/// Keeps the pictures that overlays need, and counts the frames.
+/// Keeps the pictures that overlays need.
 struct Pictures {
     #[cfg_attr(not(feature = "plot"), allow(dead_code))]
     wanted: bool,
-    counter: Counter,
 }
 
 /// A picture, with the corner at which it was cropped.
@@ -57,32 +59,20 @@ impl BatchObserver for Pictures {
     fn wants_images(&self) -> bool {
         self.wanted
     }
-
-    fn progress(&self, frames: usize) {
-        self.counter.set(frames as u64);
-    }
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
-    if arguments.table.is_empty() && !arguments.painted {
-        let problem = "expected the ball, as in --table dots20 or --table my-ball";
-        return Err(Error::argument("table", problem));
+pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
+    let asked = &arguments.asked;
+    let shown = arguments.shown(given)?;
+    asked.source.settle_camera(&arguments.images, None)?;
+    if let Shown::Painted(surface) = &shown {
+        return painted::run(arguments, surface.as_ref());
     }
-    let source = &arguments.source;
-    source.settle_camera(&arguments.images, arguments.raw)?;
-    if arguments.painted {
-        return painted::run(arguments);
-    }
-    let is_several = arguments.balls.is_some() || arguments.strobe_ms.is_some();
-    if arguments.follow && !is_several {
-        return follow::run(arguments);
-    }
-    let strobe = balls::strobe(arguments)?;
-    let mut estimators = arguments.estimators()?;
-    let several = balls::estimator(arguments, &estimators, strobe.as_ref())?;
-    if let Some(several) = several.as_ref().filter(|_| arguments.follow) {
-        return balls::follow_balls(arguments, several, strobe.as_ref());
-    }
+    asked.check()?;
+    arguments.check_numbers()?;
+    let strobe = balls::strobe(asked)?;
+    let mut estimators = asked.estimators(arguments.exposure_ms.is_some())?;
+    let several = balls::estimator(asked, &estimators, strobe.as_ref())?;
     let config = arguments.batch()?;
     #[cfg(feature = "plot")]
     let wanted = arguments.overlay.is_some() || arguments.report.is_some();
@@ -95,16 +85,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let overlay = overlay.transpose()?;
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
-    let pictures = Pictures {
-        wanted,
-        counter: Counter::new(0, "frames"),
-    };
+    let pictures = Counting::new(&arguments.images, Pictures { wanted });
     let work = match &several {
         Some(several) => Work::Balls(several, strobe.as_ref()),
         None => Work::Poses(&estimators),
     };
     let mut batch = clip::run(work, &arguments.images, &config, &pictures)?;
-    pictures.counter.finish();
+    pictures.finish();
     inputs::say_names(&batch, &config)?;
     let table = batch.judgment.table;
     if arguments.calibrate {
@@ -115,7 +102,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         inputs::say_not_increasing();
     }
     if several.is_some() {
-        let report = balls::Report::new(arguments, &batch, strobe.as_ref())?;
+        let report = balls::Report::new(asked, &batch, strobe.as_ref())?;
         #[cfg(feature = "plot")]
         if let Some(target) = overlay {
             let frame = |k: usize| report.drawn(k, &estimators);
@@ -130,7 +117,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let frame = |k: usize| overlay::one_ball(&estimators[table], &batch.frames[k]);
         target.draw(&batch.times, batch.frames.len(), frame)?;
     }
-    let frame = arguments.frame()?;
+    let frame = asked.frame()?;
     let smears = arguments.smears(&estimators[table], frame, &batch);
     let named = output::named_frames(&batch);
     let row_s = config.row_s(&batch.frames);
@@ -156,7 +143,7 @@ fn calibrate_in_place(
     arguments: &Arguments,
     estimator: &Estimator,
     config: &BatchConfig,
-    pictures: &Pictures,
+    pictures: &Counting<Pictures>,
     batch: &mut Batch<Picture>,
 ) -> Result<Estimator> {
     let frames = batch.frames.iter().map(BatchFrame::estimate);
@@ -175,7 +162,8 @@ fn calibrate_in_place(
         }
     };
     let ball = calibration.ball(Some(estimator.pattern().sha256()))?;
-    let calibrated = arguments.estimator(&ball)?;
+    let measures_blur = arguments.exposure_ms.is_some();
+    let calibrated = arguments.asked.estimator(&ball, measures_blur)?;
     for (frame, estimate) in batch.frames.iter_mut().zip(calibration.frames) {
         frame.set_estimate(estimate);
     }

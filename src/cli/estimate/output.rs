@@ -100,12 +100,12 @@ fn spin(
         return None;
     }
     let config = orientations.spin_config(SpinConfig {
-        max_rps: arguments.max_spin_rps(),
+        max_rps: arguments.asked.max_rps(),
         times: batch.times.origin(),
         ..SpinConfig::default()
     });
     let listed = AliasConfig {
-        max_rps: arguments.max_spin_rps(),
+        max_rps: arguments.asked.max_rps(),
         sigma_rad: config.sigma_rad,
         ..AliasConfig::default()
     };
@@ -177,7 +177,7 @@ impl<'a> Report<'a> {
             arguments,
             frame,
             batch,
-            verdict: VerdictWords::new(&batch.judgment, &arguments.table),
+            verdict: VerdictWords::new(&batch.judgment, &arguments.asked.table),
             orientations,
             spin,
             smeared,
@@ -214,8 +214,14 @@ impl<'a> Report<'a> {
         let frames = frames.map(|(frame, row)| self.frame_json(frame, row));
         let frames: Vec<Value> = frames.collect();
         let identified = self.batch.identified();
-        let mut json = clip_json(self.arguments, self.frame, self.batch, frames, identified);
-        json["detector"] = json!(self.arguments.source.detector);
+        let mut json = clip_json(
+            &self.arguments.asked,
+            self.frame,
+            self.batch,
+            frames,
+            identified,
+        );
+        json["detector"] = json!(self.arguments.asked.source.detector);
         match &self.spin {
             Some(Ok((summary, motion))) => {
                 json["spin"] = spin_summary::to_json(summary, self.frame);

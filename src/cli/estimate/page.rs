@@ -20,7 +20,7 @@ pub(super) fn write(
 ) -> Result<()> {
     let spin = report.spin();
     let page = EstimatePage::new(
-        estimator.pattern(),
+        estimator.ball(),
         batch,
         report.orientations(),
         spin.as_ref(),

@@ -1,18 +1,15 @@
-//! `spindoe estimate --painted`: orientations of a ball with marks of any shape.
+//! `spindoe estimate` of a painted ball: orientations of a ball with marks of any shape.
 
 use serde_json::{Value, json};
 
 use super::Arguments;
 use super::written::{FoundSpin, add_orientation, add_spin, clip_json, say_times, spin_words};
-use crate::cli::output::Counter;
-use crate::cli::{inputs, spin_summary};
-use crate::clip::{
-    self, BallEstimate, Batch, BatchFrame, BatchObserver, SequenceOutcome, SurfaceObserver,
-};
+use crate::cli::inputs::{self, Counting};
+use crate::cli::spin_summary;
+use crate::clip::{self, Batch, BatchFrame, SequenceOutcome, SurfaceObserver};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::{CameraFrame, turned_covariance};
-use crate::image::RgbImage;
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
 use crate::vision::outline::circle::CircleConfig;
@@ -22,42 +19,22 @@ use crate::vision::painted::{PaintedFrame, PaintedPose, PaintedPoses, PaintedTra
 /// Balls below this diameter, pixels, are called small.
 const SMALL_PX: f64 = 50.0;
 
-/// Keeps what frames show of the paint.
-struct Shown {
-    counter: Counter,
-    observer: SurfaceObserver,
-}
-
-impl BatchObserver for Shown {
-    type Kept = PaintedFrame;
-
-    fn keep(&self, image: &RgbImage, balls: &[BallEstimate]) -> Result<PaintedFrame> {
-        self.observer.keep(image, balls)
-    }
-
-    fn progress(&self, frames: usize) {
-        self.counter.set(frames as u64);
-    }
-}
-
-pub(super) fn run(arguments: &Arguments) -> Result<()> {
-    let surface = arguments.surface()?;
+/// Estimates by the ball's surface, where an earlier clip left one.
+pub(super) fn run(arguments: &Arguments, surface: Option<&Surface>) -> Result<()> {
     arguments.check_numbers()?;
-    let camera = arguments.camera()?;
-    let finder = OutlineFinder::new(CircleConfig::default(), arguments.source.outline, &camera)?;
+    let asked = &arguments.asked;
+    let camera = asked.camera()?;
+    let finder = OutlineFinder::new(CircleConfig::default(), asked.source.outline, &camera)?;
     let config = arguments.batch()?;
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
     if let Some(path) = &arguments.write_surface {
         files::check_writable(path)?;
     }
-    let shown = Shown {
-        counter: Counter::new(0, "frames"),
-        observer: SurfaceObserver::default(),
-    };
-    let tracker = PaintedTracker::new(&arguments.source.camera()?);
+    let shown = Counting::new(&arguments.images, SurfaceObserver::default());
+    let tracker = PaintedTracker::new(&asked.source.camera()?);
     let mut batch = clip::run(&finder, &arguments.images, &config, &shown)?;
-    shown.counter.finish();
+    shown.finish();
     inputs::say(&batch, &config)?;
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
         errln!("note: the times do not increase from frame to frame: no spin");
@@ -65,7 +42,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let kept = batch.frames.iter_mut();
     let frames: Vec<PaintedFrame> = kept.map(|f| std::mem::take(&mut f.kept)).collect();
     say_small(&frames);
-    let (poses, made) = match &surface {
+    let (poses, made) = match surface {
         Some(surface) => (tracker.place(&frames, surface), None),
         None => {
             let track = tracker.track(&frames);
@@ -86,7 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         true => Ok(()),
         false => Err(Error::NoAnswer {
             path: arguments.images[0].clone(),
-            reason: match arguments.table.first() {
+            reason: match asked.table.first() {
                 None => "no frame shows the paint of another one".to_owned(),
                 Some(table) => format!("no frame shows the paint of {}", table.display()),
             },
@@ -105,24 +82,6 @@ fn say_small(frames: &[PaintedFrame]) {
         errln!(
             "note: the ball is {diameter:.0} pixels wide: below {SMALL_PX:.0} its paint is followed less well, and lost sooner"
         );
-    }
-}
-
-impl Arguments {
-    /// The surface of an earlier clip, where one is given.
-    fn surface(&self) -> Result<Option<Surface>> {
-        match (&self.table[..], &self.write_surface) {
-            ([], _) => Ok(None),
-            ([_], Some(_)) => {
-                let problem = "expected without --table: that surface stays as it is";
-                Err(Error::argument("--write-surface", problem))
-            }
-            ([path], None) => Surface::read_npz(path).map(Some),
-            _ => {
-                let problem = "expected one surface with --painted";
-                Err(Error::argument("--table", problem))
-            }
-        }
     }
 }
 
@@ -146,12 +105,11 @@ impl<'a> Report<'a> {
         poses: PaintedPoses,
         known: Option<f64>,
     ) -> Result<Self> {
-        let axes = arguments.frame()?;
+        let axes = arguments.asked.frame()?;
         let orientations = orientations(batch, &poses, axes);
         let config = SpinConfig {
-            max_rps: arguments.max_spin_rps(),
             times: batch.times.origin(),
-            ..SpinConfig::default()
+            ..arguments.asked.spin()
         };
         let timed = batch.times_s();
         let spin = timed.map(|_| spin_summary::of_rows(&orientations, &config));
@@ -200,7 +158,13 @@ impl<'a> Report<'a> {
             json
         });
         let (frames, identified) = (frames.collect(), self.poses.iter().flatten().count());
-        let mut json = clip_json(self.arguments, self.axes, self.batch, frames, identified);
+        let mut json = clip_json(
+            &self.arguments.asked,
+            self.axes,
+            self.batch,
+            frames,
+            identified,
+        );
         json["surface_known"] = self.known.into();
         add_spin(self.spin.as_ref(), self.axes, &mut json);
         json

@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 use serde_json::{Value, json};
 
-use super::Arguments;
+use super::Asked;
 use super::verdict::VerdictWords;
 use crate::cli::{inputs, spin_summary};
 use crate::clip::{Batch, NamedFrame, orientations};
@@ -18,13 +18,17 @@ use crate::vision::{FrameEstimate, Pose};
 pub(super) type FoundSpin = Result<SpinSummary, SpinRejection>;
 
 /// The row of a frame that stands for itself.
-pub(super) fn own_row(named: NamedFrame<'_>, axes: CameraFrame) -> OrientationRow {
+pub(in crate::cli) fn own_row(named: NamedFrame<'_>, axes: CameraFrame) -> OrientationRow {
     let file = orientations(&[named], axes, false);
     file.rows.into_iter().next().unwrap_or_default()
 }
 
 /// A ball of a frame as JSON, its orientation as its row has it.
-pub(super) fn ball_json(row: &OrientationRow, axes: CameraFrame, ball: &FrameEstimate) -> Value {
+pub(in crate::cli) fn ball_json(
+    row: &OrientationRow,
+    axes: CameraFrame,
+    ball: &FrameEstimate,
+) -> Value {
     let mut json = json!({
         "circle": ball.circle.as_ref().map(circle_json),
         "outline_source": ball.outline.map(|o| o.source),
@@ -75,7 +79,7 @@ fn add_pose(pose: &Pose, json: &mut Value) {
 
 /// A clip as JSON, with these frames.
 pub(super) fn clip_json<K>(
-    arguments: &Arguments,
+    asked: &Asked,
     axes: CameraFrame,
     batch: &Batch<K>,
     frames: Vec<Value>,
@@ -85,12 +89,12 @@ pub(super) fn clip_json<K>(
     let skipped = skipped.map(|s| json!({ "folder": s.folder, "files": s.names }));
     json!({
         "frame": axes,
-        "mirrored": arguments.mirrored,
+        "mirrored": asked.mirrored,
         "frames": frames,
         "identified": identified,
         "times": batch.times,
         "times_words": inputs::times_words(&batch.times, batch.frames.len()),
-        "verdict": VerdictWords::new(&batch.judgment, &arguments.table).to_json(),
+        "verdict": VerdictWords::new(&batch.judgment, &asked.table).to_json(),
         "skipped": skipped.collect::<Vec<_>>(),
         "focal_doubt": batch.focal_doubt,
     })

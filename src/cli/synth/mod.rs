@@ -36,9 +36,9 @@ Dots are written as `spindoe identify` reads them, orientations as `spindoe spin
 Examples:
   spindoe synth -o sample
   spindoe synth table.npz --as images -o set --frames 5000
-  spindoe synth dots32 --as images --kind dotless -o empty
+  spindoe synth dots32 --as images --config kind=dotless -o empty
   spindoe synth table.npz -o clip --frames 20 --rps 60 --ball-px 60
-  spindoe synth table.npz -o live --image-size 1280x1024 --config drift_px=400,-80
+  spindoe synth dots20 -o far --image-size 1280x1024 --config drift_px=400,-80
   spindoe synth dots20 --also dots32 -o two
   spindoe synth dots20 --strobe-ms 0,0.9,2.1 -o exposures
   spindoe synth dots20 --as dots --protocol clutter -o dots.csv
@@ -71,7 +71,7 @@ pub struct Arguments {
     preset: Option<images::Preset>,
     /// Content of the frames: the pattern's ball, or an object without the pattern [default: dotted].
     #[cfg(feature = "vision")]
-    #[arg(long, value_parser = one_of(&SynthKind::ALL, SynthKind::as_str))]
+    #[arg(hide = true, long, value_parser = one_of(&SynthKind::ALL, SynthKind::as_str))]
     kind: Option<SynthKind>,
     /// Frames per second [default: 350, or the camera's].
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
@@ -79,7 +79,7 @@ pub struct Arguments {
     /// Spin, revolutions per second: one number, or LOW,HIGH [default: by the preset; orientations 50].
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "RPS")]
     rps: Option<[f64; 2]>,
-    /// The spin's axis in the camera frame, X,Y,Z (x right, y up, z to the camera), of any length; at random where not
+    /// The spin's axis: X,Y,Z in the camera frame (x right, y up, z to the camera), of any length; at random where not
     /// given.
     #[arg(long, value_parser = vector, allow_hyphen_values = true, value_name = "X,Y,Z")]
     axis: Option<Vec3>,
@@ -89,7 +89,7 @@ pub struct Arguments {
     exposure_ms: Option<f64>,
     /// Rolling shutter of a clip: time from the exposure of an image's first row to that of its last, milliseconds [default: 0].
     #[cfg(feature = "vision")]
-    #[arg(long, value_name = "MS", allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "MS", allow_negative_numbers = true)]
     readout_ms: Option<f64>,
     /// Flashes of one exposure, milliseconds, ascending, or PERIODxN, as in 0.7x3: each image shows the ball once for each flash, on
     /// its way across.
@@ -99,7 +99,7 @@ pub struct Arguments {
     /// Part of the diameter that the nearest images of a strobed ball share: one number, or LOW,HIGH; negative where they are
     /// apart [default: 0,0.6].
     #[cfg(feature = "vision")]
-    #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "SHARE", requires = "strobe_ms")]
+    #[arg(hide = true, long, value_parser = range, allow_hyphen_values = true, value_name = "SHARE", requires = "strobe_ms")]
     overlap: Option<[f64; 2]>,
     /// A further ball that flies through the same clip, as PATTERN; may be given several times.
     #[cfg(feature = "vision")]
@@ -115,16 +115,16 @@ pub struct Arguments {
     image_size: Option<[usize; 2]>,
     /// Flip all images left to right, as a selfie video is.
     #[cfg(feature = "vision")]
-    #[arg(long)]
+    #[arg(hide = true, long)]
     mirrored: bool,
     /// Also write masks/*.png: white where the ball is visible.
     #[cfg(feature = "vision")]
-    #[arg(long)]
+    #[arg(hide = true, long)]
     masks: bool,
-    /// The view that the dots are seen in, as in `spindoe validate` [default: paper].
+    /// The view of the dots: as in `spindoe validate` [default: paper].
     #[arg(long, value_parser = one_of(&ProtocolName::ALL, ProtocolName::as_str))]
     protocol: Option<ProtocolName>,
-    /// The camera that orientations come from, as for `spindoe advise`: frame rate, noise, outliers and lost frames are what
+    /// The camera of orientations: as for `spindoe advise`. Frame rate, noise, outliers and lost frames are what
     /// it gives of the pattern in rendered frames.
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "dark|any|CAMERA.toml")]

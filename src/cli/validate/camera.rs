@@ -18,7 +18,10 @@ use crate::validate::check_samples;
 const POINT_FRAMES: u64 = 200;
 
 pub(super) fn run(arguments: &Arguments, balls: Vec<Ball>) -> Result<()> {
-    arguments.reject("with a camera", &["protocol", "sigma-deg", "recognizer"])?;
+    arguments.reject(
+        "with a camera",
+        &["protocol", "sigma-deg", "recognizer", "sweep-alpha"],
+    )?;
     let conditions = arguments.camera.conditions()?;
     arguments.samples.map_or(Ok(()), check_samples)?;
     match (balls.as_slice(), arguments.sweep.as_slice()) {
@@ -130,6 +133,11 @@ fn sweep(arguments: &Arguments, ball: &Ball, conditions: &CameraConditions) -> R
     if let Some(set) = set {
         let csv = sweep_csv(&points);
         files::write_bytes(&set.path().join("sensitivity.csv"), csv.as_bytes())?;
+        #[cfg(feature = "plot")]
+        {
+            use crate::report::plots::{PictureFormat, camera_plots};
+            camera_plots(set.path(), &points, &[PictureFormat::Png])?;
+        }
         set.publish(&[], "sensitivity.csv")?;
     }
     if arguments.json {

@@ -21,7 +21,7 @@ impl Arguments {
         let samples = self.samples.unwrap_or(SAMPLES);
         words.push(format!("--samples {samples} --seed {}", self.seed));
         if let Some(recognizer) = self.recognizer {
-            words.push(format!("--recognizer {recognizer}"));
+            words.push(format!("--config recognizer={recognizer}"));
         }
         words.join(" ")
     }

@@ -40,9 +40,9 @@ against the first pattern, with 95 % intervals for pairs. Views with too few dot
 
 Examples:
   spindoe validate pattern.csv
-  spindoe validate table.npz --protocol sparse --recognizer paper --json
+  spindoe validate table.npz --protocol sparse --json
   spindoe validate dots20 dots32 -o comparison
-  spindoe validate dots20 --sweep noise,alpha --protocol clutter -o sweep
+  spindoe validate dots20 --sweep noise --protocol clutter -o sweep
   spindoe validate dots20 dots32 --camera any --ball-px 45 --exposure-ms 0.3")]
 pub struct Arguments {
     /// The patterns: for each a shipped one by its name (dots20), its CSV, a table, or the folder of a design or
@@ -56,22 +56,23 @@ pub struct Arguments {
     #[arg(long, value_name = "N")]
     samples: Option<u64>,
     /// Noise of a dot in degrees, instead of the protocol's own.
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(hide = true, long, value_name = "S", allow_negative_numbers = true)]
     sigma_deg: Option<f64>,
     /// Seed of the trials.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// The recognizer [default: robust; of several patterns both].
-    #[arg(long, value_parser = one_of(&RecognizerName::ALL, RecognizerName::as_str))]
+    #[arg(hide = true, long, value_parser = one_of(&RecognizerName::ALL, RecognizerName::as_str))]
     recognizer: Option<RecognizerName>,
-    /// Repeat it over a range of the dots' noise, of the paper's alpha, or of each property of the camera.
+    /// Repeat it over a range of the dots' noise, or of each property of the camera.
     #[arg(long, value_enum, value_name = "WHAT", value_delimiter = ',')]
     sweep: Vec<Sweep>,
     /// Noise levels of --sweep noise, degrees.
     #[arg(long, hide = true, value_delimiter = ',', num_args = 1.., default_values_t = SensitivityConfig::default().sigmas_deg)]
     sweep_noise_deg: Vec<f64>,
-    /// Values of --sweep alpha, for the paper's recognizer at the protocol's own noise.
-    #[arg(long, hide = true, value_delimiter = ',', num_args = 1.., default_values_t = SensitivityConfig::default().alphas)]
+    /// Repeat it for these values of the paper's alpha, for its recognizer at the protocol's own noise, such as
+    /// 0.003,0.01,0.03,0.1,0.3,1.
+    #[arg(long, hide = true, value_delimiter = ',', num_args = 1..)]
     sweep_alpha: Vec<f64>,
     /// Write to this folder: of several patterns report.html and comparison.json; of a sweep sensitivity.csv and
     /// its curves.
@@ -90,8 +91,6 @@ pub struct Arguments {
 enum Sweep {
     /// The dots' noise, for both recognizers.
     Noise,
-    /// The paper's alpha, for its recognizer.
-    Alpha,
     /// Pixels, exposure, noise, blur and dots of the camera, one at a time.
     #[cfg(feature = "vision")]
     Camera,
@@ -121,6 +120,7 @@ impl Arguments {
             ("protocol", self.protocol.is_some()),
             ("sigma-deg", self.sigma_deg.is_some()),
             ("recognizer", self.recognizer.is_some()),
+            ("sweep-alpha", !self.sweep_alpha.is_empty()),
             ("output", self.output.is_some()),
         ];
         let taken = given
@@ -145,7 +145,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             return Err(Error::argument("sweep", "camera: expected --camera"));
         }
     }
-    match (balls.as_slice(), arguments.sweep.is_empty()) {
+    let is_one = arguments.sweep.is_empty() && arguments.sweep_alpha.is_empty();
+    match (balls.as_slice(), is_one) {
         ([ball], true) => one(arguments, ball),
         ([ball], false) => sweep::run(arguments, ball),
         (_, true) => compare::run(arguments, balls),

@@ -10,13 +10,13 @@ use crate::validate::{SensitivityConfig, sensitivity, sensitivity_csv};
 
 pub(super) fn run(arguments: &Arguments, ball: &Ball) -> Result<()> {
     arguments.reject("with a sweep", &["recognizer", "sigma-deg"])?;
-    let values = |what, values: &Vec<f64>| match arguments.sweep.contains(&what) {
-        true => values.clone(),
+    let sigmas_deg = match arguments.sweep.contains(&Sweep::Noise) {
+        true => arguments.sweep_noise_deg.clone(),
         false => Vec::new(),
     };
     let config = SensitivityConfig {
-        sigmas_deg: values(Sweep::Noise, &arguments.sweep_noise_deg),
-        alphas: values(Sweep::Alpha, &arguments.sweep_alpha),
+        sigmas_deg,
+        alphas: arguments.sweep_alpha.clone(),
         samples: arguments
             .samples
             .unwrap_or(SensitivityConfig::default().samples),

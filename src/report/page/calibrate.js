@@ -8,20 +8,30 @@ const DOT_STATES = {
   missing: ["never found where it should be: left out", "--bad"],
 };
 
+/** Whether there are places that were meant: a ball whose pattern was built from the clip alone has none. */
+const isDesign = (d) => Boolean(d.nominal_sha256);
+/** What a dot's state is called. */
+const stateWords = (d, state) =>
+  isDesign(d) || state !== "unseen" ? DOT_STATES[state][0] : "seen too seldom to be measured";
+
 function calibratePage(d) {
   calibrationTiles(d);
   adviceSection(d);
   dotSetSection(d);
   const ball = drawnBall(d);
-  if (d.nominal_sha256) offsetSection(d);
+  if (isDesign(d)) offsetSection(d);
   coverageSection(d);
   residualSection(d);
   if (d.monte_carlo.length) worthSection(d);
   drawnDots(d, ball);
   if (d.marks.length) markSection(d);
   repeatable(d.command, "The command that made this folder is not in its report.json.", [
-    ["nominal pattern", d.nominal_sha256 || "none: built from the clip alone"],
-    ["calibrated pattern", d.pattern_sha256],
+    ...(isDesign(d)
+      ? [
+          ["nominal pattern", d.nominal_sha256],
+          ["calibrated pattern", d.pattern_sha256],
+        ]
+      : [["pattern, built from the clip alone", d.pattern_sha256]]),
     ["seed of the trials", String(d.seed)],
     ["made by", "spindoe " + d.spindoe_version],
   ]);
@@ -36,7 +46,7 @@ function calibrationTiles(d) {
     row = [
       tile(`${inState(d, "measured").length} of ${d.dots.length}`, "dots measured"),
       // What is built from the clip has no places that were meant.
-      ...(d.nominal_sha256
+      ...(isDesign(d)
         ? [
             tile(
               fixed(d.rms_offset_deg, 2) + "\u00b0",
@@ -48,18 +58,25 @@ function calibrationTiles(d) {
     ];
   if (h.frames.length)
     row.push(
-      tile(
-        `${fixed(h.median_deg[0], 2)}\u00b0 \u2192 ${fixed(h.median_deg[1], 2)}\u00b0`,
-        "median residual of frames that took no part, before and after",
-      ),
+      isDesign(d)
+        ? tile(
+            `${fixed(h.median_deg[0], 2)}\u00b0 \u2192 ${fixed(h.median_deg[1], 2)}\u00b0`,
+            "median residual of frames that took no part, before and after",
+          )
+        : tile(
+            `${fixed(h.median_deg[1], 2)}\u00b0`,
+            "median residual of frames that took no part",
+          ),
     );
   for (const [state, words] of [
-    ["missing", "dots never found where they should be"],
-    ["unseen", "dots that too few frames show"],
-    ["doubtful", "dots that may be print or a stain"],
+    ["missing", "never found where expected"],
+    ["unseen", "shown by too few frames"],
+    ["doubtful", "may be print or a stain"],
   ]) {
-    const dots = inState(d, state);
-    if (dots.length) row.push(tile(dots.map((dot) => dot.nominal_number).join(", "), words));
+    const dots = inState(d, state),
+      numbers = dots.map((dot) => dot.nominal_number).join(", ");
+    // A number alone would be read as how many they are.
+    if (dots.length) row.push(tile(`${dots.length === 1 ? "dot" : "dots"} ${numbers}`, words));
   }
   tileRow(...row);
 }
@@ -85,13 +102,18 @@ function dotSetSection(d) {
 function drawnWords(d, i) {
   const p = d.dots[i],
     [north, east] = d.compass_deg[i],
-    lines = [`dot ${p.nominal_number}: ${DOT_STATES[p.state][0]}`];
-  if (isSeen(p))
-    lines.push(
-      `${fixed(p.offset_deg, 2)}\u00b0 off: ${fixed(north, 2)}\u00b0 north, ${fixed(east, 2)}\u00b0 east`,
-      `standard deviation ${fixed(p.sigma_deg, 2)}\u00b0 per axis`,
-    );
-  lines.push(`seen in ${p.views} frames, expected in ${fixed(p.expected_views, 0)}`);
+    lines = [`dot ${p.nominal_number}: ${stateWords(d, p.state)}`];
+  if (Number.isInteger(p.mark)) lines.push(`mark ${p.mark} of marks.png`);
+  if (isSeen(p)) {
+    if (isDesign(d))
+      lines.push(
+        `${fixed(p.offset_deg, 2)}\u00b0 off: ${fixed(north, 2)}\u00b0 north, ${fixed(east, 2)}\u00b0 east`,
+      );
+    lines.push(`standard deviation ${fixed(p.sigma_deg, 2)}\u00b0 per axis`);
+  }
+  lines.push(
+    `seen in ${p.views} frame${p.views === 1 ? "" : "s"}, expected in ${fixed(p.expected_views, 0)}`,
+  );
   if (p.number !== null && p.number !== p.nominal_number)
     lines.push(`dot ${p.number} of the calibrated pattern`);
   return lines.join("\n");
@@ -141,7 +163,9 @@ function drawnBall(d) {
   const node = section(
     "ball",
     "The ball as drawn",
-    "Filled: dots where they are. Rings: where they should be.",
+    isDesign(d)
+      ? "Filled: dots where they are. Rings: where they should be."
+      : "The dots as the clip shows them.",
     "Drag to turn it, pinch or press + and \u2212 to zoom; arrow keys turn, N and P go from dot to dot, Home resets.",
   );
   const info = el("pre", { id: "dot-info", "aria-live": "polite", text: "Point at a dot." }),
@@ -158,7 +182,7 @@ function drawnBall(d) {
     view.draw();
   };
   const view = new View(
-    `The ball with ${d.dots.length} dots as drawn, and rings where they should be. Arrow keys turn it, N and P go from dot to dot.`,
+    `The ball with ${d.dots.length} dots as drawn${isDesign(d) ? ", and rings where they should be" : ""}. Arrow keys turn it, N and P go from dot to dot.`,
     (v) => {
       const ball = {
         center: [0, 0, 0],
@@ -176,14 +200,15 @@ function drawnBall(d) {
       d.dots.forEach((p) => {
         const color = DOT_STATES[p.state][1],
           dashed = p.state === "unseen" || p.state === "doubtful";
-        lines.push(...ringLines(v, p.nominal, d.dot_angle_rad, color, dashed));
+        if (isDesign(d) || p.state !== "measured")
+          lines.push(...ringLines(v, p.nominal, d.dot_angle_rad, color, dashed));
         if (p.state === "missing" && times(v.turn, p.nominal)[2] > 0.1)
           labels.push({ at: p.nominal, text: String(p.nominal_number), color: "--bad", size: 13 });
       });
       for (const mark of d.marks) {
         lines.push(...ringLines(v, mark.direction, 0.6 * d.dot_angle_rad, "--seam", false));
         if (times(v.turn, mark.direction)[2] > 0.1)
-          labels.push({ at: mark.direction, text: "mark", color: "--seam", size: 12 });
+          labels.push({ at: mark.direction, text: markName(mark), color: "--seam", size: 12 });
       }
       const add = d.dot_set && d.dot_set.add;
       if (add) {
@@ -233,7 +258,7 @@ function drawnBall(d) {
   node.append(
     turnable(view, {
       controls: [
-        el("label", {}, "offsets", scale, by),
+        isDesign(d) ? el("label", {}, "offsets", scale, by) : null,
         checkbox("numbers", true, (on) => {
           state.numbers = on;
           view.draw();
@@ -241,7 +266,10 @@ function drawnBall(d) {
         el("button", { type: "button", text: "Reset", onclick: () => view.reset() }),
       ],
       caption:
-        "Blue rings: measured dots. Grey dashes: not seen, or doubtful. Red: never found. Orange: marks that the pattern lacks. Green: where one more dot helps most. Frame of the pattern: x right, y up, z towards the viewer at the start.",
+        (isDesign(d)
+          ? "Blue rings: measured dots. Grey dashes: not seen, or doubtful. Red: never found. Orange: marks that the pattern lacks."
+          : "Grey dashes: seen too seldom, or doubtful. Orange: marks that are taken for none of the dots.") +
+        " Green: where one more dot helps most. Frame of the pattern: x right, y up, z towards the viewer at the start.",
       beside: [
         el("h3", { text: "Dot" }),
         info,
@@ -296,7 +324,7 @@ function offsetSection(d) {
           })),
         },
       ],
-      note: "An interval that reaches zero: this dot may lie where it should.",
+      note: "An interval that reaches zero: this dot may be where it should.",
     }),
     curves({
       title: "Which way",
@@ -310,7 +338,7 @@ function offsetSection(d) {
           points: dots.map(({ p, compass }) => ({ x: compass[1], y: compass[0], note: name(p) })),
         },
       ],
-      note: "North is towards the pattern's +z. Dots that all lie to one side tell of a stencil that sat askew.",
+      note: "North is towards the pattern's +z. Dots that are all off to one side indicate a stencil that sat askew.",
     }),
   );
   section(
@@ -367,12 +395,15 @@ function coverageSection(d) {
   section("coverage", "Coverage", null).append(charts);
 }
 
+/** Before and after; of a pattern that is built from the clip only after. */
+const own = (d, values) => (isDesign(d) ? values : values.slice(-1));
+
 function residualSection(d) {
   const h = d.held_out,
     node = section(
       "residuals",
-      "Is it better?",
-      `Frames that took no part: the clip is dealt into ${h.folds} folds, and each is identified with the nominal table and with a calibration from the others.`,
+      isDesign(d) ? "Is it better?" : "How well it fits",
+      `Frames that took no part: the clip is dealt into ${h.folds} folds, and each is identified with ${isDesign(d) ? "the nominal table and with " : ""}a calibration from the others.`,
     );
   if (!h.frames.length) {
     node.append(el("p", { text: "Too few frames to judge the calibration on others." }));
@@ -392,22 +423,22 @@ function residualSection(d) {
       x: { label: "frame", format: (v) => fixed(v, 0) },
       y: { label: "rms residual [deg]", low: 0, format: (v) => fixed(v, 2) },
       series: [
-        series("nominal table", "var(--c1)", "before"),
+        ...(isDesign(d) ? [series("nominal table", "var(--c1)", "before")] : []),
         series("its own table", "var(--c0)", "after"),
       ],
     }),
     table(
-      ["", "nominal table", "its own table"],
+      isDesign(d) ? ["", "nominal table", "its own table"] : ["", "its own table"],
       [
-        ["median residual", ...h.median_deg.map((v) => fixed(v, 2) + "\u00b0")],
-        ["dots identified a frame", ...h.mean_matched.map((v) => fixed(v, 1))],
+        ["median residual", ...own(d, h.median_deg).map((v) => fixed(v, 2) + "\u00b0")],
+        ["dots identified a frame", ...own(d, h.mean_matched).map((v) => fixed(v, 1))],
         ...(d.motion
           ? [
               [
                 "median distance off one spin",
-                ...d.motion.map((m) => fixed(m.median_deg, 2) + "\u00b0"),
+                ...own(d, d.motion).map((m) => fixed(m.median_deg, 2) + "\u00b0"),
               ],
-              ["frames that agree with the spin", ...d.motion.map((m) => String(m.frames))],
+              ["frames that agree with the spin", ...own(d, d.motion).map((m) => String(m.frames))],
             ]
           : []),
       ],
@@ -418,14 +449,18 @@ function residualSection(d) {
 function worthSection(d) {
   const trials = d.monte_carlo[0].nominal.samples,
     kinds = [
-      ["nominal", "drawn exactly", "var(--c2)"],
-      ["drawn_uncalibrated", "this ball, nominal table", "var(--c1)"],
+      ...(isDesign(d)
+        ? [
+            ["nominal", "drawn exactly", "var(--c2)"],
+            ["drawn_uncalibrated", "this ball, nominal table", "var(--c1)"],
+          ]
+        : []),
       ["drawn_calibrated", "this ball, its own table", "var(--c0)"],
     ];
   section(
     "rates",
-    "Is it worth drawing again?",
-    `${trials.toLocaleString("en")} simulated views per row, the same rotations and noise for all three (seed ${d.seed}). A view fails when it shows too few dots, or when the orientation is not found within 20\u00b0.`,
+    isDesign(d) ? "Is it worth drawing again?" : "How often it is answered right",
+    `${trials.toLocaleString("en")} simulated views per row${isDesign(d) ? ", the same rotations and noise for all three" : ""} (seed ${d.seed}). A view fails when it shows too few dots, or when the orientation is not found within 20\u00b0.`,
   ).append(
     failures({
       title: `Views not answered right, ${RECOGNIZERS.robust}`,
@@ -449,16 +484,25 @@ function worthSection(d) {
 }
 
 function drawnDots(d, ball) {
+  const designed = isDesign(d);
   const made = table(
-    ["dot", "state", "number now", "offset", "north", "east", "sigma", "frames", "expected"],
+    [
+      "dot",
+      "state",
+      ...(designed ? ["number now", "offset", "north", "east"] : ["mark"]),
+      "sigma",
+      "frames",
+      "expected",
+    ],
     d.dots.map((p, i) => {
-      const angle = (v) => (isSeen(p) ? fixed(v, 2) + "\u00b0" : "\u2013");
+      const angle = (v) => (isSeen(p) ? fixed(v, 2) + "\u00b0" : "\u2013"),
+        number = (n) => (Number.isInteger(n) ? String(n) : "\u2013");
       return [
         String(p.nominal_number),
         p.state,
-        p.number === null ? "\u2013" : String(p.number),
-        angle(p.offset_deg),
-        ...d.compass_deg[i].map(angle),
+        ...(designed
+          ? [number(p.number), angle(p.offset_deg), ...d.compass_deg[i].map(angle)]
+          : [number(p.mark)]),
         p.state === "missing" ? "\u2013" : fixed(p.sigma_deg, 2) + "\u00b0",
         String(p.views),
         fixed(p.expected_views, 0),
@@ -469,8 +513,17 @@ function drawnDots(d, ball) {
     row.dataset.dot = i;
     row.addEventListener("click", () => ball.choose(i, true));
   });
-  section("dots", "The dots", "The same values are in offsets.csv.").append(made);
+  section(
+    "dots",
+    "The dots",
+    designed
+      ? "The same values are in offsets.csv."
+      : "Dots are numbered as in pattern.csv and dots.png, marks as in marks.png.",
+  ).append(made);
 }
+
+/** A mark as marks.png has it. */
+const markName = (mark) => (Number.isInteger(mark.mark) ? `mark ${mark.mark}` : "mark");
 
 function markSection(d) {
   section(
@@ -479,8 +532,9 @@ function markSection(d) {
     "Steady on the ball, found where no dot is: a logo's corner, a stain.",
   ).append(
     table(
-      ["direction", "found in", "taken in as"],
+      ["mark", "direction", "found in", "taken in as"],
       d.marks.map((m) => [
+        Number.isInteger(m.mark) ? String(m.mark) : "\u2013",
         `(${m.direction.map((c) => fixed(c, 3)).join(", ")})`,
         `${m.found} of ${m.views} views`,
         m.number === null ? "left out" : `dot ${m.number}`,

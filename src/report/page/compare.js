@@ -47,7 +47,7 @@ function comparePage(d) {
     "How often they are identified",
     `${d.samples.toLocaleString("en")} views per row, the same rotations and noise for all patterns (seed ${d.seed}). A view fails when it shows too few dots, or when the orientation is not found within 20\u00b0.`,
   );
-  for (const recognizer of ["robust", "paper"]) {
+  for (const recognizer of ["robust", "voting"]) {
     const of = d.contests.filter((c) => c.recognizer === recognizer);
     if (!of.length) continue;
     const groups = Object.keys(PROTOCOLS).map((name) => ({

@@ -68,8 +68,12 @@ function list(entries) {
   return node;
 }
 
-const fixed = (x, digits = 2) =>
-  Number.isFinite(x) ? x.toFixed(digits).replace("-", "\u2212") : "\u2013";
+const fixed = (x, digits = 2) => {
+  if (!Number.isFinite(x)) return "\u2013";
+  const text = x.toFixed(digits);
+  // What rounds to zero has no sign.
+  return text.replace("-", Number(text) === 0 ? "" : "\u2212");
+};
 /** At most three significant digits. */
 const short = (x) =>
   Number.isFinite(x) ? String(+x.toPrecision(3)).replace("-", "\u2212") : "\u2013";

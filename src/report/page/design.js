@@ -234,9 +234,7 @@ function stencilSection(d) {
   );
   const halves = s.halves.map(corners),
     size = s.parameters,
-    outer = d.ball_diameter_mm / 2 + size.clearance_mm + size.wall_mm,
-    // The floor of engravings, as the stencil has it: a fifth of the wall, at most half a millimeter.
-    ground = outer - Math.min(0.2 * size.wall_mm, 0.5),
+    ground = s.engraving_radius_mm,
     state = { open: 0, ball: true, a: true, b: true };
   const turn = fromQuaternion(s.rotation_wxyz),
     hinge = [s.axis_mm, 0, 0];
@@ -367,7 +365,7 @@ function ratesSection(d) {
     add = (name, color, of, recognizer) => series.push({ name, color, of, recognizer });
   for (const [r, color] of [
     ["robust", "var(--c0)"],
-    ["paper", "var(--c1)"],
+    ["voting", "var(--c1)"],
   ]) {
     add(`this pattern, ${RECOGNIZERS[r]}`, color, d.validation, r);
     if (d.published)
@@ -407,7 +405,8 @@ function ratesSection(d) {
     el("h3", { text: "Orientation error of the views answered right, and views with too few dots" }),
     table(
       ["views", "recognizer", "mean", "median", "right, of all", "all dots right, of those with enough", "too few dots"],
-      d.validation.map((v) => [
+      // Of reports of before the baseline came first.
+      [...d.validation.filter((v) => v.recognizer !== "voting"), ...d.validation.filter((v) => v.recognizer === "voting")].map((v) => [
         PROTOCOLS[v.protocol]?.[0] || v.protocol,
         RECOGNIZERS[v.recognizer] || v.recognizer,
         v.mean_error_deg === null ? "\u2013" : fixed(v.mean_error_deg, 3) + "\u00b0",
@@ -432,7 +431,7 @@ function sensitivitySection(d) {
     const out = [];
     for (const [r, color, pale] of [
       ["robust", "var(--c0)", "var(--c4)"],
-      ["paper", "var(--c1)", "var(--c5)"],
+      ["voting", "var(--c1)", "var(--c5)"],
     ])
       for (const [what, c] of [
         ["answered", color],

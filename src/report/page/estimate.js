@@ -6,7 +6,7 @@ function estimatePage(d) {
   if (d.spin) {
     row.push(
       tile(
-        `${fixed(d.spin.rps, 2)}${d.spin.std_rps ? " \u00b1 " + fixed(d.spin.std_rps, 2) : ""} rps`,
+        spinWords(d),
         "spin, with its standard deviation",
       ),
       tile(fixed(d.spin.sigma_deg, 2) + "\u00b0", "noise of an orientation per axis"),
@@ -20,6 +20,16 @@ function estimatePage(d) {
   rejected(d);
   gallery(d);
 }
+
+/** The spin with as many digits as on the terminal; of a golf ball in turns a minute. */
+function spinWords(d) {
+  const [unit, by, digits] = d.is_golf ? ["rpm", 60, 0] : ["rps", 1, 3],
+    std = d.spin.std_rps ? " \u00b1 " + fixed(by * d.spin.std_rps, digits) : "";
+  return `${fixed(by * d.spin.rps, digits)}${std} ${unit}`;
+}
+
+/** A time as one after the first frame's. */
+const since = (d, time) => `${fixed(1e3 * (time - (d.frames[0].time_s ?? 0)), 2)} ms after the first frame`;
 
 /** A turn by a rotation vector. */
 function turned(vector) {
@@ -100,7 +110,7 @@ function turningBall(d) {
       radius: 1,
       turn,
       dots: d.dots,
-      dotAngle: 0.1,
+      dotAngle: d.dot_angle_rad,
       zones: d.keep_out,
       chosen: -1,
     };
@@ -149,7 +159,7 @@ function turningBall(d) {
       `frame ${f.name}`,
       f.time_s === null
         ? "no time"
-        : `${fixed(1e3 * (f.time_s - (d.frames[0].time_s ?? 0)), 2)} ms after the first`,
+        : since(d, f.time_s),
       f.rejection
         ? `rejected: ${f.rejection}`
         : `confidence ${percent(f.confidence)}, ${f.matched} of ${f.dots} dots, residual ${fixed(f.residual_deg, 2)}\u00b0`,
@@ -202,13 +212,13 @@ function spinSection(d) {
       `${FRAMES[d.camera_frame]}, right-hand rule: a positive component turns counter-clockwise seen from that axis' tip. ` +
         (s.over_time
           ? `The ball is pushed: the motion is free, and the spin is its mean over the time.`
-          : `The motion is ${s.motion}; the spin is that at ${fixed(s.time_s, 4)} s.`) +
+          : `The motion is ${s.motion}; the spin is that ${since(d, s.time_s)}.`) +
         (s.lack_of_fit
           ? ` Parts of the sequence differ ${fixed(Math.sqrt(s.lack_of_fit), 1)} times as much as their noise explains; the deviations count it.`
           : ""),
     );
   const plus = (x, e) =>
-    fixed(x, 2) + (e === undefined || e === null ? "" : " \u00b1 " + fixed(e, 2));
+    fixed(x, 3) + (e === undefined || e === null ? "" : " \u00b1 " + fixed(e, 3));
   node.append(
     table(
       ["", "x", "y", "z", "magnitude"],
@@ -225,6 +235,15 @@ function spinSection(d) {
           ),
           plus(s.rps, s.std_rps),
         ],
+        ...(d.is_golf
+          ? [
+              [
+                "spin [rpm]",
+                ...s.spin_rad_s.map((c) => fixed((60 * c) / 2 / Math.PI, 0)),
+                fixed(60 * s.rps, 0),
+              ],
+            ]
+          : []),
         ["axis", ...s.axis.map((c) => fixed(c, 4)), "1"],
       ],
     ),
@@ -253,13 +272,13 @@ function spinSection(d) {
     );
   if (s.alternatives.length)
     node.append(
-      el("h3", { text: "Other spins that these times cannot tell from it" }),
+      el("h3", { text: "Other spins that these times cannot distinguish from it" }),
       table(
         ["rps", "axis", "log-likelihood ratio"],
         s.alternatives
           .slice(0, 12)
           .map((a) => [
-            fixed(a.rps, 2),
+            fixed(a.rps, 3),
             `(${a.axis.map((c) => fixed(c, 3)).join(", ")})`,
             fixed(a.log_likelihood_ratio, 2),
           ]),

@@ -5,14 +5,15 @@ use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
 
 use super::{Page, rounded};
+use crate::ball::Ball;
 use crate::clip::{Batch, BatchFrame, SequenceOutcome};
 use crate::design::KeepOut;
 use crate::error::Result;
 use crate::geometry::{CameraFrame, Rotation, to_wxyz};
-use crate::pattern::Pattern;
 use crate::spin::SpinRejection;
 use crate::spin::estimate::FittedMotion;
 use crate::spin::free::Knot;
+use crate::spin::golf;
 use crate::spin::orientations::Orientations;
 use crate::spin::robust::standard_deviations;
 use crate::spin::summary::SpinSummary;
@@ -21,6 +22,8 @@ use crate::vision::frame::estimate::FrameRejection;
 
 /// Bytes that the pictures of a page may take together: with all else it stays below 6 MB.
 const MAX_PICTURES: usize = 5_000_000;
+/// A golf ball measures 42.67 mm or a little more.
+const GOLF_WITHIN_MM: f64 = 0.2;
 
 /// What the page of an estimate shows. Orientations map the pattern's frame to the camera's, or to the view frame where the camera
 /// is unknown (x right, y up, z from the ball towards the camera).
@@ -28,6 +31,10 @@ const MAX_PICTURES: usize = 5_000_000;
 pub struct EstimatePage {
     camera_frame: CameraFrame,
     dots: Vec<[f64; 3]>,
+    /// The radius of a dot as an angle.
+    dot_angle_rad: f64,
+    /// Whether the ball is of golf's size, whose spins are said in turns a minute.
+    is_golf: bool,
     keep_out: Vec<KeepOut>,
     frames: Vec<PageFrame>,
     spin: Option<PageSpin>,
@@ -104,20 +111,22 @@ struct PageAlternative {
 }
 
 impl EstimatePage {
-    /// The page of `batch`, whose frames have these orientations. `picture` gives a frame's overlay as a PNG file where there is one; where
+    /// The page of `batch`, whose frames have these orientations of a ball. `picture` gives a frame's overlay as a PNG file where there is one; where
     /// all together are too large, evenly chosen ones are shown. `spin` is what was found of it and of its motion, in the axes of
     /// [`CameraFrame::Camera`], where the frames have times.
     ///
     /// # Errors
     /// Those of `picture`.
     pub fn new<K>(
-        pattern: &Pattern,
+        ball: &Ball,
         batch: &Batch<K>,
         orientations: &Orientations,
         spin: Option<&std::result::Result<(SpinSummary, FittedMotion), SpinRejection>>,
         mut picture: impl FnMut(&BatchFrame<K>) -> Result<Option<Vec<u8>>>,
     ) -> Result<Self> {
         let axes = orientations.camera_frame.unwrap_or_default();
+        let pattern = ball.pattern();
+        let [ball_mm, dot_mm] = ball.sizes_mm(None, None);
         let shown = batch.frames.iter().zip(&orientations.rows);
         let mut frames: Vec<PageFrame> = shown
             .map(|(frame, row)| {
@@ -141,6 +150,8 @@ impl EstimatePage {
         Ok(Self {
             camera_frame: CameraFrame::Camera.of_view(axes.is_view()),
             dots: pattern.dots().iter().map(|d| (*d).into()).collect(),
+            dot_angle_rad: (dot_mm / ball_mm).min(1.0).asin(),
+            is_golf: (ball_mm - golf::BALL_MM).abs() < GOLF_WITHIN_MM,
             keep_out: pattern.keep_out().to_vec(),
             frames,
             spin: spin

@@ -1,6 +1,6 @@
 // What several pages share: tiles, a view with its controls, names of protocols, and the command.
 
-const RECOGNIZERS = { robust: "our recognizer", paper: "the paper's recognizer" };
+const RECOGNIZERS = { robust: "our recognizer", voting: "the paper's recognizer" };
 
 const PROTOCOLS = {
   paper: ["paper", "all dots in view, 3\u00b0 noise"],

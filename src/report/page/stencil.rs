@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::Vec3;
 use crate::report::folder::{parsed, same_pattern};
-use crate::stencil::Mesh;
+use crate::stencil::{Mesh, StencilConfig};
 
 /// The parts of `stencil.json` that the page shows.
 #[derive(Debug, Deserialize)]
@@ -73,6 +73,8 @@ pub(super) struct PageStencil {
     lip_mm: f64,
     dots: Vec<Value>,
     pub parameters: Value,
+    /// Radius of the engraving's floor, mm.
+    engraving_radius_mm: f64,
     /// Space that a half or piece takes on the bed, where the file says it, and beds that have it.
     print_size_mm: Option<[f64; 3]>,
     beds: Vec<Value>,
@@ -93,6 +95,16 @@ impl PageStencil {
             let bounds = m.bounding_box();
             [0, 1, 2].map(|i| rounded(bounds.max_mm[i] - bounds.min_mm[i]))
         };
+        let number = |name: &str| {
+            let found = file.parameters.get(name).and_then(Value::as_f64);
+            found.ok_or_else(|| Error::input(&path, name, "expected a number"))
+        };
+        let config = StencilConfig {
+            ball_diameter_mm: number("ball_diameter_mm")?,
+            clearance_mm: number("clearance_mm")?,
+            wall_mm: number("wall_mm")?,
+            ..StencilConfig::default()
+        };
         let q = &file.rotation_pattern_to_stencil;
         Ok(Some(Self {
             boxes: [sides(&a), sides(&b)],
@@ -104,6 +116,7 @@ impl PageStencil {
             axis_mm: file.joint.axis_mm,
             lip_mm: file.joint.lip_mm,
             dots: file.dots,
+            engraving_radius_mm: config.engraving_radius_mm(),
             parameters: file.parameters,
             print_size_mm: file.print_size_mm,
             beds: file.beds,

@@ -100,7 +100,7 @@ enum Command {
     SpinRates(spin_rates::Args),
     /// Coverage of the interval of a spin's decay.
     SpinDecay(spin_decay::Args),
-    /// True clips and clips whose times lie: which spins are believed.
+    /// True clips and clips with wrong times: which spins are believed.
     SpinLies(spin_lies::Args),
     /// How often the motion of a spin is the right one.
     SpinMotion(spin_motion::Args),

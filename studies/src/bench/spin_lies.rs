@@ -43,7 +43,8 @@ impl Args {
             "median error",
         ]);
         let truths = TRUTHS.map(|(name, make)| (format!("true: {name}"), make, None));
-        let lies = LIES.map(|(name, make, told)| (format!("lie: {name}"), make, Some(told)));
+        let lies =
+            LIES.map(|(name, make, told)| (format!("wrong input: {name}"), make, Some(told)));
         let kinds: Vec<(String, Maker, Option<Name>)> = truths.into_iter().chain(lies).collect();
         for (number, (name, make, told)) in kinds.iter().enumerate() {
             let judged: Vec<Judged> = (0..self.clips)

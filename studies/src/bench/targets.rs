@@ -95,7 +95,7 @@ fn columns() -> Vec<Column> {
         recognizer,
         protocol: Protocol::standard(name),
     };
-    let (robust, paper) = (RecognizerName::Robust, RecognizerName::Paper);
+    let (robust, paper) = (RecognizerName::Robust, RecognizerName::Voting);
     let mut noisy = column("`paper` at 8 deg", robust, ProtocolName::Paper);
     noisy.protocol = noisy.protocol.with_sigma_rad(8f64.to_radians());
     vec![

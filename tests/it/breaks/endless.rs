@@ -153,7 +153,10 @@ fn endless_inputs_are_refused() {
             "estimate --table p.csv 1.png --circles /dev/stdin",
             &CIRCLES,
         ),
-        ("estimate --table p.csv 1.png --weights /dev/stdin", &ZEROS),
+        (
+            "estimate --table p.csv 1.png --config weights=/dev/stdin",
+            &ZEROS,
+        ),
         ("export --weights /dev/stdin -o n.onnx", &ZEROS),
         ("calibrate --table p.csv /dev/stdin --output c", &ZEROS),
         ("stencil /dev/stdin --output s", &DOTS),
@@ -171,10 +174,7 @@ fn endless_inputs_are_refused() {
     let resumed = "design --resume --output design";
     refused(dir, resumed, &JSON, MAX_MEMORY_KIB);
     for image in &IMAGES {
-        for arguments in [
-            "estimate --table p.csv /dev/stdin",
-            "estimate --table p.csv --follow -",
-        ] {
+        for arguments in ["estimate --table p.csv /dev/stdin", "live --table p.csv -"] {
             refused(dir, arguments, image, MAX_MEMORY_KIB);
         }
     }

@@ -35,7 +35,7 @@ type Small = (
     &'static [[&'static str; 2]],
 );
 
-const COMMANDS: [Small; 19] = [
+const COMMANDS: [Small; 20] = [
     // Ends where the folder is taken, after its arguments are checked.
     ("design", &[], &[["--output", "@/taken"]]),
     ("merge", &["@/absent"], &[["--output", "m"]]),
@@ -48,7 +48,7 @@ const COMMANDS: [Small; 19] = [
         &["@/p.csv"],
         &[
             ["--samples", "2"],
-            ["--sweep", "noise,alpha"],
+            ["--sweep", "noise"],
             ["--output", "s"],
             ["--config", "sweep_noise_deg=2"],
             ["--config", "sweep_alpha=0.1"],
@@ -60,6 +60,11 @@ const COMMANDS: [Small; 19] = [
         "estimate",
         &["@/1.png", "@/2.png"],
         &[["--table", "@/p.csv"]],
+    ),
+    (
+        "live",
+        &["@/1.png"],
+        &[["--table", "@/p.csv"], ["--fps", "100"]],
     ),
     (
         "calibrate",
@@ -263,7 +268,7 @@ fn numbers_without_meaning_are_refused_by_name() {
             "ball_diameter_mm",
         ),
         (
-            "spin o.csv --method quatera --max-spin-rps 1e308",
+            "spin o.csv --config method=quatera --max-spin-rps 1e308",
             "--max-spin-rps",
         ),
         (
@@ -288,7 +293,7 @@ fn numbers_without_meaning_are_refused_by_name() {
             "--dot-sigma-deg",
         ),
         (
-            "validate p.csv --sweep alpha -o s --config sweep_alpha=1,1e308",
+            "validate p.csv -o s --config sweep_alpha=1,1e308",
             "sweep_alpha",
         ),
         (
@@ -296,8 +301,8 @@ fn numbers_without_meaning_are_refused_by_name() {
             "pen_delay_s: is a flag of --as plotter",
         ),
         (
-            "mark p.csv --as plotter -o m.svg --lobes 12",
-            "--lobes: is a flag of --as gores",
+            "mark p.csv --as plotter -o m.svg --config lobes=12",
+            "lobes: is a flag of --as gores",
         ),
         (
             "synth --as orientations -o absent/s.csv",
@@ -335,10 +340,34 @@ fn numbers_without_meaning_are_refused_by_name() {
     for (arguments, needle) in [
         ("estimate --table p.csv 1.png --fps 1e308", "--fps"),
         (
-            "estimate --table p.csv 1.png --max-latency-ms nan",
-            "--follow",
+            "estimate --table p.csv 1.png --max-latency-ms 9",
+            "--max-latency-ms is now `spindoe live --max-latency-ms`",
         ),
-        ("estimate --table p.csv 1.png --raw 9x9,gray", "--follow"),
+        (
+            "estimate --table p.csv --follow -",
+            "--follow is now `spindoe live`",
+        ),
+        (
+            "estimate --table p.csv 1.png --raw 9x9,gray",
+            "--raw is now `spindoe live --raw`",
+        ),
+        (
+            "live --table p.csv 1.png --fps 9 --max-latency-ms nan",
+            "--max-latency-ms: expected",
+        ),
+        (
+            "estimate --table p.csv 1.png --golf",
+            "--golf is now --preset golf",
+        ),
+        ("stencil p.csv --paper a4", "--paper is now --sheet"),
+        (
+            "validate p.csv --sweep alpha",
+            "--sweep alpha is now --config sweep_alpha=",
+        ),
+        (
+            "estimate --table p.csv 1.png --weights w.npz",
+            "weights: is no flag; expected --config weights=VALUE",
+        ),
         (
             "calibrate --table p.csv 1.png --config search_sigma_deg=1e-308",
             "search_sigma_deg",
@@ -379,10 +408,12 @@ fn images_of_extreme_shape_have_an_answer() {
             "--roi 0,0,2,1",
             "--config detector=blob",
             "--circle 1,1,9",
-            "--follow",
+            "live",
         ] {
-            let input = if flags == "--follow" { "-" } else { "1.png" };
-            let words = format!("estimate --table p.csv {input} {flags}");
+            let words = match flags {
+                "live" => "live --table p.csv -".to_owned(),
+                flags => format!("estimate --table p.csv 1.png {flags}"),
+            };
             let output = std::process::Command::new(env!("CARGO_BIN_EXE_spindoe"))
                 .args(words.split_whitespace())
                 .current_dir(dir)
@@ -396,7 +427,7 @@ fn images_of_extreme_shape_have_an_answer() {
         }
     }
     for raw in ["60000x1,gray", "1x60000,rgb"] {
-        let words = format!("estimate --table p.csv --follow - --raw {raw} --fps 300");
+        let words = format!("live --table p.csv - --raw {raw} --fps 300");
         fs::write(dir.join("zeros"), vec![0; 360_000]).unwrap();
         let output = std::process::Command::new(env!("CARGO_BIN_EXE_spindoe"))
             .args(words.split(' '))

@@ -59,7 +59,6 @@ fn refusals_are_one_short_line_before_any_work() {
         &[
             "validate",
             "p.csv",
-            "--sweep=alpha",
             "-o",
             "s",
             "--config=sweep_alpha=1,-1",
@@ -120,7 +119,7 @@ fn an_empty_camera_and_a_ball_twice_are_refused() {
     let output = spindoe(dir.path(), &circles);
     let words = String::from_utf8_lossy(&output.stderr);
     assert!(
-        words.contains("--circle: 1 rows name no frame, the first on line 3"),
+        words.contains("--circle: the row on line 3 names no frame"),
         "{words}"
     );
 }

@@ -149,7 +149,7 @@ fn frames_are_whole_or_absent() {
         .write_csv(&dir.path().join("p.csv"))
         .unwrap();
     let synth = case(
-        "synth p.csv --as images --output out --frames 40 --masks",
+        "synth p.csv --as images --output out --frames 40 --config masks=true",
         false,
     );
     interrupt(dir.path(), &synth, runs());

@@ -186,7 +186,7 @@ fn what_cannot_be_calibrated_exits_with_a_word() {
     ] {
         let out = format!("clip-{kind}");
         let synth = format!(
-            "synth nominal.csv --as images --output {out} --frames 12 --seed 2 --preset good --kind {kind}"
+            "synth nominal.csv --as images --output {out} --frames 12 --seed 2 --preset good --config kind={kind}"
         );
         done(dir, &synth.split_whitespace().collect::<Vec<_>>());
         let images = format!("{out}/images");

@@ -122,8 +122,8 @@ fn the_command_compares_on_the_same_trials() {
         "a.csv",
         "--samples",
         "50",
-        "--recognizer",
-        "robust",
+        "--config",
+        "recognizer=robust",
     ]);
     assert!(output.status.success());
     let words = String::from_utf8_lossy(&output.stdout);

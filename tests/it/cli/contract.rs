@@ -382,12 +382,12 @@ fn bad_arguments_are_refused_by_name() {
     };
     validate(&["--samples", "0"], "samples: expected at least 1 trial");
     validate(
-        &["--sigma-deg", "-1"],
-        "--sigma-deg: expected 0 to 180, found -1",
+        &["--config", "sigma_deg=-1"],
+        "sigma_deg: expected 0 to 180, found -1",
     );
     validate(
-        &["--sigma-deg", "NaN"],
-        "--sigma-deg: expected 0 to 180, found NaN",
+        &["--config", "sigma_deg=NaN"],
+        "sigma_deg: expected 0 to 180, found NaN",
     );
     validate(
         &["--samples", "many"],
@@ -480,8 +480,9 @@ fn bad_arguments_are_refused_by_name() {
 fn validate_prints_the_agreed_json_and_repeats_itself() {
     let shop = workshop();
     let dir = shop.path();
-    for recognizer in ["paper", "robust"] {
+    for recognizer in ["voting", "robust"] {
         let run = |input: &str| -> Value {
+            let named = format!("recognizer={recognizer}");
             let arguments = [
                 "validate",
                 input,
@@ -492,8 +493,8 @@ fn validate_prints_the_agreed_json_and_repeats_itself() {
                 "3",
                 "--protocol",
                 "clutter",
-                "--recognizer",
-                recognizer,
+                "--config",
+                &named,
             ];
             serde_json::from_str(&done(dir, &arguments)).unwrap()
         };

@@ -149,7 +149,7 @@ fn an_exposure_settles_the_alias() {
 #[test]
 fn a_readout_gives_times_poses_and_the_alias() {
     let dir = tempfile::tempdir().unwrap();
-    let clip = "synth dots20 -o clip --preset good --frames 10 --seed 5 --fps 60 --rps 40 --exposure-ms 0.1 --readout-ms 15 \
+    let clip = "synth dots20 -o clip --preset good --frames 10 --seed 5 --fps 60 --rps 40 --exposure-ms 0.1 --config readout_ms=15 \
                 --image-size 120x480 --ball-px 60";
     crate::common::done(dir.path(), &clip.split_whitespace().collect::<Vec<_>>());
     let estimate = |flags: &str| {

@@ -103,8 +103,9 @@ fn orientations_go_to_a_file_that_spin_reads() {
         "-o",
         "orientations.csv",
     ];
-    for recognizer in ["paper", "robust"] {
-        let named = [&arguments[..], &["--recognizer", recognizer]].concat();
+    for recognizer in ["voting", "robust"] {
+        let setting = format!("recognizer={recognizer}");
+        let named = [&arguments[..], &["--config", &setting]].concat();
         assert_eq!(done(dir.path(), &named), "");
         let read = Orientations::read_csv(&dir.path().join("orientations.csv")).unwrap();
         assert_eq!(read.rows.len(), 5);
@@ -411,7 +412,7 @@ fn names_that_number_the_frames_are_no_times() {
             "--table",
             "table.npz",
             "named.csv",
-            "--no-learning",
+            "--config=no_learning=true",
             "--min-confidence",
             "0",
         ];

@@ -29,7 +29,8 @@ fn refused(text: &str, expected: &[&str]) {
     let dir = tempfile::tempdir().unwrap();
     let path = write(dir.path(), "orientations.csv", text);
     for method in ["robust", "quatera"] {
-        let output = run(&["spin", path.to_str().unwrap(), "--method", method]);
+        let method = format!("--config=method={method}");
+        let output = run(&["spin", path.to_str().unwrap(), &method]);
         let message = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{message}");
         assert!(output.stdout.is_empty(), "something was printed");
@@ -286,7 +287,7 @@ fn a_simulated_flight_comes_back_with_its_decay_and_a_plot() {
         is_said || message.contains("off a constant spin"),
         "{words} {message}"
     );
-    let output = run(&["spin", &csv, "--method", "quatera", "--motion=decaying"]);
+    let output = run(&["spin", &csv, "--config=method=quatera", "--motion=decaying"]);
     assert_eq!(output.status.code(), Some(2));
 }
 

@@ -639,7 +639,7 @@ fn the_paper_s_way_has_the_paper_s_rate() {
     let all = report["validation"].as_array().unwrap();
     let of_paper = all
         .iter()
-        .find(|v| v["recognizer"] == "paper" && v["protocol"] == "paper");
+        .find(|v| v["recognizer"] == "voting" && v["protocol"] == "paper");
     let answered = &of_paper.unwrap()["answered"];
     assert!(answered["rate"].as_f64().unwrap() >= 0.98, "{answered}");
 }

@@ -163,7 +163,7 @@ fn without_noise_sums_of_densities_identify_every_view() {
 }
 
 /// Beside each protocol the identities and orientations that 20 000 trials of another seed found, of those
-/// judged: `spindoe validate designs/dots20 --recognizer paper --protocol P --samples 20000 --seed
+/// judged: `spindoe validate designs/dots20 --config recognizer=voting --protocol P --samples 20000 --seed
 /// 20261201`. A baseline is not to change: neither for the worse nor for the better.
 #[test]
 fn rates_on_the_shipped_design() {
@@ -176,7 +176,7 @@ fn rates_on_the_shipped_design() {
     ];
     for (name, identity, orientation, judged) in measured {
         let config = ValidationConfig {
-            recognizer: RecognizerName::Paper,
+            recognizer: RecognizerName::Voting,
             protocol: Protocol::standard(name),
             seed: 42,
             samples: 2000,

@@ -546,7 +546,7 @@ fn a_file_that_cannot_be_read_is_one_rejected_frame() {
         "{words}"
     );
     assert!(
-        words.contains("1 files are no images and are skipped: notes.txt"),
+        words.contains("skipped 1 file, which is no image: notes.txt"),
         "{words}"
     );
     assert!(words.contains("2 of 3 frames identified"), "{words}");

@@ -484,19 +484,19 @@ fn every_mode_says_that_outlines_contradict_the_camera() {
     std::fs::write(dir.path().join("clip.raw"), raw).unwrap();
     let Intrinsics { fx, fy, cx, cy, .. } = cast.intrinsics;
     let size = format!("{SIDE}x{SIDE},rgb");
-    let follow = ["--follow", "clip.raw", "--raw", &size, "--fps", "120"];
+    let live = ["live", "clip.raw", "--raw", &size, "--fps", "120"];
     let modes: [&[&str]; 5] = [
-        &["images", "--fps", "120"],
-        &["images", "--balls", "1", "--fps", "120"],
-        &["images", "--no-sequence"],
-        &follow,
-        &[&follow[..], &["--balls", "1"]].concat(),
+        &["estimate", "images", "--fps", "120"],
+        &["estimate", "images", "--balls", "1", "--fps", "120"],
+        &["estimate", "images", "--no-sequence"],
+        &live,
+        &[&live[..], &["--balls", "1"]].concat(),
     ];
     for mode in modes {
         for factor in [1.0, 2.0] {
             let k = format!("{},{},{cx},{cy}", factor * fx, factor * fy);
-            let base = ["estimate", "--table", "pattern.csv", "--intrinsics", &k];
-            let done = crate::common::spindoe(dir.path(), &[&base[..], mode].concat());
+            let given = ["--table", "pattern.csv", "--intrinsics", &k];
+            let done = crate::common::spindoe(dir.path(), &[mode, &given[..]].concat());
             let words = String::from_utf8_lossy(&done.stderr);
             assert!(done.status.success(), "{mode:?}: {words}");
             let said = words.matches("outlines contradict the intrinsics").count();

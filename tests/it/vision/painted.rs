@@ -210,9 +210,11 @@ fn the_command_follows_a_clip_and_places_another_on_its_surface() {
     done(
         "synth --preset painted.json -o clip --frames 30 --fps 200 --rps 5 --exposure-ms 0.2 --seed 3",
     );
-    let painted = "estimate --painted clip/images --camera-distance-radii 20";
+    let clip = "clip/images --camera-distance-radii 20";
+    let painted = format!("estimate --painted {clip}");
     done(&format!("{painted} -o found.csv --write-surface ball.npz"));
-    done(&format!("{painted} --table ball.npz -o again.csv"));
+    // A surface says by itself that the ball is painted.
+    done(&format!("estimate --table ball.npz {clip} -o again.csv"));
     let read = |name: &str| Orientations::read_csv(&at.join(name)).unwrap();
     let truth = read("clip/orientations.csv");
     for name in ["found.csv", "again.csv"] {
@@ -250,21 +252,24 @@ fn the_command_follows_a_clip_and_places_another_on_its_surface() {
     }
     for flag in ["--min-confidence=0.5", "--no-sequence"] {
         let name = flag.split('=').next().unwrap();
-        let args = ["estimate", "--painted", "clip/images", flag];
-        crate::common::refused(at, &args, 2, name);
+        for ball in ["--painted", "--table=ball.npz"] {
+            let args = ["estimate", ball, "clip/images", flag];
+            crate::common::refused(at, &args, 2, name);
+        }
     }
-    let both = [
-        "estimate",
-        "--painted",
-        "clip/images",
-        "--table",
-        "ball.npz",
-        "--write-surface",
-        "b.npz",
-    ];
-    crate::common::refused(at, &both, 2, "--write-surface");
-    let dots = ["estimate", "--table", "ball.npz", "clip/images"];
-    crate::common::refused(at, &dots, 2, "--painted");
+    let known = ["estimate", "clip/images", "--table", "ball.npz"];
+    for (more, flag) in [
+        (&["--write-surface", "b.npz"][..], "--write-surface"),
+        (&["--painted"], "--painted"),
+        (&["--table", "dots20"], "surface of a painted ball"),
+    ] {
+        crate::common::refused(at, &[&known[..], more].concat(), 2, flag);
+    }
+    let dots = ["estimate", "--table", "dots20", "clip/images"];
+    let written = [&dots[..], &["--write-surface", "b.npz"]].concat();
+    crate::common::refused(at, &written, 2, "--painted");
+    let live = ["live", "--table", "ball.npz", "clip/images", "--fps", "9"];
+    crate::common::refused(at, &live, 2, "surface of a painted ball");
     // Without the camera's distance, which is fitted: three quarters of a turn say hardly more than that it is near 5 rps.
     done("estimate --painted clip/images -o free.csv");
     let spin = done("spin free.csv --json");

@@ -187,7 +187,7 @@ fn the_command_answers_each_frame_at_once() {
     let (width, height) = (images[0].width(), images[0].height());
     let raw = format!("{width}x{height},rgb");
     let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
-        .args(["estimate", "--table", "pattern.csv", "--follow", "-"])
+        .args(["live", "--table", "pattern.csv", "-"])
         .args(["--raw", &raw, "--fps", "350"])
         .current_dir(dir.path())
         .stdin(Stdio::piped())
@@ -224,18 +224,20 @@ fn the_command_refuses_what_does_not_fit() {
     pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
     std::fs::write(dir.path().join("empty"), b"").unwrap();
     std::fs::write(dir.path().join("noise"), b"no image at all").unwrap();
-    let base = ["estimate", "--table", "pattern.csv"];
+    let base = ["--table", "pattern.csv"];
     for (arguments, code) in [
-        (&["--follow", "empty", "--fps", "9"][..], 3),
-        (&["--follow", "empty"], 2),
-        (&["--follow", "noise", "--fps", "9"], 2),
-        (&["--follow", "none"], 2),
-        (&["--follow", "empty", "empty"], 2),
-        (&["--follow", "empty", "--raw", "64,gray"], 2),
-        (&["--follow", "empty", "--json"], 2),
-        (&["empty", "--raw", "64x64,gray"], 2),
+        (&["live", "empty", "--fps", "9"][..], 3),
+        (&["live", "empty"], 2),
+        (&["live", "noise", "--fps", "9"], 2),
+        (&["live", "none"], 2),
+        (&["live", "empty", "empty"], 2),
+        (&["live", "empty", "--raw", "64,gray"], 2),
+        (&["live", "empty", "--fps", "9", "--json"], 2),
+        (&["live", "empty", "--fps", "9", "--times", "t.csv"], 2),
+        (&["live", "empty", "--fps", "9", "--table", "dots20"], 2),
+        (&["estimate", "empty", "--raw", "64x64,gray"], 2),
     ] {
-        let output = crate::common::spindoe(dir.path(), &[&base[..], arguments].concat());
+        let output = crate::common::spindoe(dir.path(), &[arguments, &base[..]].concat());
         assert_eq!(output.status.code(), Some(code), "{arguments:?}");
         assert!(output.stdout.is_empty());
         let words = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -415,15 +417,7 @@ fn the_command_knows_when_frames_came() {
     let (width, height) = (images[0].width(), images[0].height());
     let raw = format!("{width}x{height},rgb");
     let mut child = Command::new(env!("CARGO_BIN_EXE_spindoe"))
-        .args([
-            "estimate",
-            "--table",
-            "pattern.csv",
-            "--follow",
-            "-",
-            "--raw",
-            &raw,
-        ])
+        .args(["live", "--table", "pattern.csv", "-", "--raw", &raw])
         .current_dir(dir.path())
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

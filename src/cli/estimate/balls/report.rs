@@ -8,7 +8,7 @@ use crate::cli::estimate::verdict::VerdictWords;
 use crate::cli::estimate::written::{
     FoundSpin, add_spin, ball_json, circle_json, clip_json, own_row, say_times, spin_words,
 };
-use crate::cli::estimate::{Arguments, Picture};
+use crate::cli::estimate::{Asked, Picture};
 use crate::cli::{inputs, spin_summary};
 use crate::clip::orientations;
 use crate::clip::{
@@ -29,7 +29,7 @@ use crate::vision::Estimator;
 const MAX_NAMED: usize = 3;
 
 /// A row of the output, and the same as JSON.
-pub(super) struct Row {
+pub(in crate::cli) struct Row {
     row: OrientationRow,
     pub json: Value,
 }
@@ -37,7 +37,7 @@ pub(super) struct Row {
 impl Row {
     /// That of a ball with its number, and its table where there are several.
     pub fn new(
-        arguments: &Arguments,
+        asked: &Asked,
         shown_in: CameraFrame,
         mut row: OrientationRow,
         number: Option<usize>,
@@ -47,8 +47,8 @@ impl Row {
         json["ball"] = json!(number);
         json["circle"] = json!(ball.circle().as_ref().map(circle_json));
         row.ball = number;
-        if arguments.table.len() > 1 {
-            let table = table_name(arguments, ball.table);
+        if asked.table.len() > 1 {
+            let table = table_name(asked, ball.table);
             json["table"] = table.as_str().into();
             json["table_probability"] = ball.tables.get(ball.table).copied().into();
             row.table = row.orientation.map(|_| table);
@@ -58,8 +58,8 @@ impl Row {
 }
 
 /// The rows of an exposure's images, of a frame with this name and time: in order of time, then what the likeliest hypothesis leaves out.
-pub(super) fn strobe_rows(
-    arguments: &Arguments,
+pub(in crate::cli) fn strobe_rows(
+    asked: &Asked,
     shown_in: CameraFrame,
     (name, start_s): (&str, f64),
     balls: &[BallEstimate],
@@ -73,7 +73,7 @@ pub(super) fn strobe_rows(
         row.frame = name.to_owned();
         row.time_s += start_s;
         row.flash = Some(*flash);
-        rows.push(Row::new(arguments, shown_in, row, Some(at), &balls[*image]));
+        rows.push(Row::new(asked, shown_in, row, Some(at), &balls[*image]));
     }
     let is_left = |k: &usize| lit.iter().all(|(image, _)| image != k);
     for k in (0..balls.len()).filter(is_left) {
@@ -83,7 +83,7 @@ pub(super) fn strobe_rows(
             estimate: &balls[k].frame,
         };
         let row = own_row(named, shown_in);
-        rows.push(Row::new(arguments, shown_in, row, numbers[k], &balls[k]));
+        rows.push(Row::new(asked, shown_in, row, numbers[k], &balls[k]));
     }
     rows
 }
@@ -99,7 +99,7 @@ struct Followed {
 
 /// What is reported.
 pub(in crate::cli::estimate) struct Report<'a> {
-    arguments: &'a Arguments,
+    asked: &'a Asked,
     shown_in: CameraFrame,
     batch: &'a Batch<Picture>,
     /// For each frame the numbers of its balls.
@@ -114,13 +114,13 @@ pub(in crate::cli::estimate) struct Report<'a> {
 
 impl<'a> Report<'a> {
     pub fn new(
-        arguments: &'a Arguments,
+        asked: &'a Asked,
         batch: &'a Batch<Picture>,
         strobe: Option<&Strobe>,
     ) -> Result<Self> {
         let mut this = Self {
-            arguments,
-            shown_in: arguments.frame()?,
+            asked,
+            shown_in: asked.frame()?,
             batch,
             numbers: Vec::new(),
             rows: Vec::new(),
@@ -132,7 +132,7 @@ impl<'a> Report<'a> {
             (SequenceOutcome::Numbered(numbered), None) => {
                 this.numbers.clone_from(&numbered.numbers);
                 let spin = SpinConfig {
-                    max_rps: arguments.max_spin_rps(),
+                    max_rps: asked.max_rps(),
                     times: batch.times.origin(),
                     ..SpinConfig::default()
                 };
@@ -184,7 +184,7 @@ impl<'a> Report<'a> {
                 });
             }
             for ((k, ball), row) in places.into_iter().zip(file.rows) {
-                rows[k].push(Row::new(self.arguments, self.shown_in, row, number, ball));
+                rows[k].push(Row::new(self.asked, self.shown_in, row, number, ball));
             }
         }
         self.rows = rows;
@@ -198,16 +198,9 @@ impl<'a> Report<'a> {
             let numbers = strobe_numbers(balls, &found);
             let start_s = frame.time_s.unwrap_or(0.0);
             let named = (frame.name.as_str(), start_s);
-            let rows = strobe_rows(
-                self.arguments,
-                self.shown_in,
-                named,
-                balls,
-                &found,
-                &numbers,
-            );
+            let rows = strobe_rows(self.asked, self.shown_in, named, balls, &found, &numbers);
             self.rows.push(rows);
-            let json = strobe_json(self.arguments, strobe, self.shown_in, &found, &numbers);
+            let json = strobe_json(self.asked, strobe, self.shown_in, &found, &numbers);
             self.strobes.push((found, json));
             self.numbers.push(numbers);
         }
@@ -242,7 +235,7 @@ impl<'a> Report<'a> {
     /// Why nothing is answered, where no ball is.
     pub fn no_answer(&self) -> Option<String> {
         let frames = self.rows.len();
-        let verdict = VerdictWords::new(&self.batch.judgment, &self.arguments.table);
+        let verdict = VerdictWords::new(&self.batch.judgment, &self.asked.table);
         let none = || format!("no ball of {frames} frames is identified");
         (self.identified() == 0).then(|| verdict.rejection().unwrap_or_else(none))
     }
@@ -255,7 +248,7 @@ impl<'a> Report<'a> {
             camera_frame: Some(self.shown_in),
             columns: BallColumns {
                 ball: true,
-                table: self.arguments.table.len() > 1,
+                table: self.asked.table.len() > 1,
                 flash: !self.strobes.is_empty(),
             },
         };
@@ -281,7 +274,7 @@ impl<'a> Report<'a> {
         let balls = self.followed.iter().enumerate().map(|(number, ball)| {
             let mut json = json!({
                 "ball": number,
-                "table": table_name(self.arguments, ball.table),
+                "table": table_name(self.asked, ball.table),
                 "table_probability": ball.table_probability,
                 "frames": ball.frames,
                 "identified": ball.identified,
@@ -290,14 +283,8 @@ impl<'a> Report<'a> {
             json
         });
         let (frames, identified) = (frames.collect(), self.identified());
-        let mut json = clip_json(
-            self.arguments,
-            self.shown_in,
-            self.batch,
-            frames,
-            identified,
-        );
-        json["detector"] = json!(self.arguments.source.detector);
+        let mut json = clip_json(self.asked, self.shown_in, self.batch, frames, identified);
+        json["detector"] = json!(self.asked.source.detector);
         json["balls"] = balls.collect();
         json
     }
@@ -340,11 +327,11 @@ impl<'a> Report<'a> {
             say_times(self.batch);
         }
         for (number, ball) in self.followed.iter().enumerate() {
-            let table = match self.arguments.table.len() {
+            let table = match self.asked.table.len() {
                 1 => String::new(),
                 _ => format!(
                     " is {} ({:.4}),",
-                    table_name(self.arguments, ball.table),
+                    table_name(self.asked, ball.table),
                     ball.table_probability
                 ),
             };
@@ -366,8 +353,8 @@ impl<'a> Report<'a> {
             .lit
             .first()
             .map(|(image, _)| &self.batch.frames[k].balls[*image]);
-        if let Some(ball) = lit.filter(|_| self.arguments.table.len() > 1) {
-            let name = table_name(self.arguments, ball.table);
+        if let Some(ball) = lit.filter(|_| self.asked.table.len() > 1) {
+            let name = table_name(self.asked, ball.table);
             let share = ball.tables.get(ball.table).copied().unwrap_or(f64::NAN);
             lines[0] = format!("ball of {name} ({share:.4}), {}", lines[0]);
         }
@@ -402,7 +389,7 @@ impl<'a> Report<'a> {
         };
         let flight = hypothesis.flight;
         let golf = hypothesis.golf(self.shown_in);
-        let spin = match (&hypothesis.spin, golf.filter(|_| self.arguments.golf)) {
+        let spin = match (&hypothesis.spin, golf.filter(|_| self.asked.is_golf())) {
             (_, Some(golf)) => {
                 let [back, side] = golf.std_rpm.unwrap_or([f64::NAN; 2]);
                 format!(
@@ -425,13 +412,13 @@ impl<'a> Report<'a> {
     }
 }
 
-fn table_name(arguments: &Arguments, table: usize) -> String {
-    let path = arguments.table.get(table);
+fn table_name(asked: &Asked, table: usize) -> String {
+    let path = asked.table.get(table);
     path.map_or(String::new(), |path| path.display().to_string())
 }
 
 /// The numbers of an exposure's images: those of the likeliest hypothesis in order of time, then the others.
-pub(super) fn strobe_numbers(
+pub(in crate::cli) fn strobe_numbers(
     balls: &[BallEstimate],
     found: &[StrobeHypothesis],
 ) -> Vec<Option<usize>> {
@@ -449,8 +436,8 @@ pub(super) fn strobe_numbers(
 }
 
 /// The hypotheses of an exposure; `numbers` are those of its images.
-pub(super) fn strobe_json(
-    arguments: &Arguments,
+pub(in crate::cli) fn strobe_json(
+    asked: &Asked,
     strobe: &Strobe,
     shown_in: CameraFrame,
     found: &[StrobeHypothesis],
@@ -478,7 +465,7 @@ pub(super) fn strobe_json(
                     })
                 });
                 json["spin"]["alternatives"] = others.collect();
-                if arguments.golf {
+                if asked.is_golf() {
                     json["golf"] = json!(h.golf(shown_in));
                 }
             }

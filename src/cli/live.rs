@@ -1,0 +1,272 @@
+//! `spindoe live`: frames as they come, a JSON line for each at once.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use serde_json::{Value, json};
+
+use super::estimate::Asked;
+use super::estimate::balls::{self, Row, strobe_json, strobe_numbers, strobe_rows};
+use super::estimate::written::{ball_json, own_row};
+use super::images::read_ball;
+use super::inputs::say_camera;
+use super::pipe::{Pipe, pipe_format};
+use crate::clip::{
+    BallEstimate, BallTracks, BallsEstimator, LiveCheck, NamedFrame, SequenceConfig, Strobe,
+    Tracker, TrackerConfig, TrackerState, sort_from_left,
+};
+use crate::error::{Error, Result, require};
+use crate::geometry::CameraFrame;
+use crate::image::{ImageView, Picture};
+use crate::source::Frame;
+use crate::source::pipe::PipeFormat;
+use crate::vision::Estimator;
+use crate::vision::frame::prior::Budget;
+
+#[derive(Debug, Args)]
+#[command(after_help = "\
+One ball is followed from frame to frame; a line has its orientation, and the spin of the last quarter of a second. With
+--balls a line has all of them, with --strobe-ms the flashes of its exposure. Fields are those of `spindoe estimate --json`,
+and latency_ms, the time from the frame's arrival to its line.
+
+Without --fps a frame's time is that of its arrival; frames that come faster than they can be processed are then dropped
+and counted. A file needs --fps; of one that grows, `tail -c +1 -f FILE` makes a pipe. The end of the input ends the command.
+
+Examples:
+  ffmpeg -i CAMERA -f rawvideo -pix_fmt gray - |
+      spindoe live --table my-ball - --raw 640x480,gray
+  spindoe live --table dots20 stream.pgm --fps 350 --max-latency-ms 20")]
+pub struct Arguments {
+    /// The frames: a pipe, a device or a file; - is standard input.
+    #[arg(value_name = "-|DEVICE|FILE")]
+    input: PathBuf,
+    /// The frames are raw video of this size, 8 bits a channel: gray, rgb or bgr [default: image files one after another,
+    /// PNG, JPEG, PGM or PPM].
+    #[arg(long, value_name = "WxH,PIXEL", value_parser = pipe_format)]
+    raw: Option<PipeFormat>,
+    /// The most time for a frame, milliseconds: then the search for the ball ends, and the frame has no answer [default:
+    /// no limit].
+    #[arg(long, value_name = "MS", allow_negative_numbers = true)]
+    max_latency_ms: Option<f64>,
+    #[command(flatten)]
+    asked: Asked,
+}
+
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let asked = &arguments.asked;
+    asked.check()?;
+    let inputs = std::slice::from_ref(&arguments.input);
+    asked.source.settle_camera(inputs, arguments.raw)?;
+    if !asked.is_several() {
+        return one_ball(arguments);
+    }
+    let strobe = balls::strobe(asked)?;
+    let estimators = asked.estimators(false)?;
+    match balls::estimator(asked, &estimators, strobe.as_ref())? {
+        Some(several) => all_balls(arguments, &several, strobe.as_ref()),
+        None => one_ball(arguments),
+    }
+}
+
+/// Follows one ball.
+fn one_ball(arguments: &Arguments) -> Result<()> {
+    let asked = &arguments.asked;
+    let [table] = &asked.table[..] else {
+        let problem = "expected one table: a stream is not judged as a whole";
+        return Err(Error::argument("--table", problem));
+    };
+    let estimator = Arc::new(asked.estimator(&read_ball(table)?, false)?);
+    let (outline, circles) = asked.source.outlines()?;
+    if circles.is_some() {
+        let problem = "expected U,V,R for frames that come, found a table of frames";
+        return Err(Error::argument("circle", problem));
+    }
+    let shown_in = asked.frame()?;
+    let mut sequence = SequenceConfig::default();
+    sequence.spin.max_rps = asked.max_rps();
+    let config = TrackerConfig {
+        sequence,
+        max_latency: max_latency(arguments.max_latency_ms)?,
+        ..TrackerConfig::default()
+    };
+    let mut check = LiveCheck::new(estimator.camera());
+    let mut tracker = Tracker::new(estimator, config)?;
+    if let Some(roi) = asked.source.roi()? {
+        tracker = tracker.within(roi);
+    }
+    let followed = each_frame(arguments, |image, number, time_s, arrived| {
+        let rows = image.height();
+        let state = tracker.update(image, time_s, outline.as_ref())?;
+        say_camera(check.push(rows, [state.frame]).as_ref());
+        let is_identified = state.frame.pose().is_some();
+        Ok((
+            is_identified,
+            line(shown_in, number, time_s, &state, arrived),
+        ))
+    });
+    say_camera(check.end().as_ref());
+    followed
+}
+
+/// Follows all balls of the frames, or reads the flashes of each.
+fn all_balls(
+    arguments: &Arguments,
+    estimator: &BallsEstimator,
+    strobe: Option<&Strobe>,
+) -> Result<()> {
+    let asked = &arguments.asked;
+    let shown_in = asked.frame()?;
+    let max_latency = max_latency(arguments.max_latency_ms)?;
+    let region = asked.source.roi()?;
+    let mut tracks = BallTracks::new(asked.spin());
+    let mut ws = estimator.workspace()?;
+    let camera = estimator.estimators().first().map(Estimator::camera);
+    let mut check = camera.map(LiveCheck::new);
+    let followed = each_frame(arguments, |image, number, time_s, arrived| {
+        let height = image.height();
+        let budget = max_latency.map_or_else(Budget::default, Budget::within);
+        let mut balls = match strobe {
+            Some(strobe) => estimator.estimate_strobed(image, region, strobe, &budget, &mut ws),
+            None => {
+                let expected = tracks.expected(time_s);
+                estimator.estimate(image, region, &expected, &budget, &mut ws)
+            }
+        };
+        let mut line = json!({ "frame": number, "time_s": time_s });
+        let mut rows = match strobe {
+            None => {
+                let numbers = tracks.update(time_s, &balls);
+                tracks.reject_foreign(&mut balls, &numbers);
+                let numbered = numbers.into_iter().zip(&balls);
+                let row = |(number, ball): (Option<usize>, &BallEstimate)| {
+                    let row = own_row(NamedFrame::of(time_s, &ball.frame), shown_in);
+                    let mut row = Row::new(asked, shown_in, row, number, ball);
+                    if let Some((table, share)) = number.and_then(|n| tracks.table(n)) {
+                        row.json["table"] = asked.table[table].display().to_string().into();
+                        row.json["table_probability"] = share.into();
+                    }
+                    (number, row)
+                };
+                let mut rows: Vec<_> = numbered.map(row).collect();
+                rows.sort_by_key(|(number, _)| *number);
+                rows.into_iter().map(|(_, row)| row).collect()
+            }
+            Some(strobe) => {
+                sort_from_left(&mut balls);
+                let found = strobe.read(&balls, shown_in);
+                let numbers = strobe_numbers(&balls, &found);
+                line["strobe"] = strobe_json(asked, strobe, shown_in, &found, &numbers);
+                strobe_rows(asked, shown_in, ("", time_s), &balls, &found, &numbers)
+            }
+        };
+        let check = check.as_mut();
+        let doubt = check.and_then(|c| c.push(height, balls.iter().map(|b| &b.frame)));
+        say_camera(doubt.as_ref());
+        let is_identified = balls.iter().any(|b| b.frame.pose().is_some());
+        let shown = rows.iter_mut().map(|row| row.json.take());
+        line["balls"] = shown.collect();
+        line["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
+        Ok((is_identified, line))
+    });
+    say_camera(check.and_then(|mut c| c.end()).as_ref());
+    followed
+}
+
+/// Hands each frame of the pipe with its number, time and arrival to `work`, and writes the line that it makes at once; `work` says
+/// whether the frame was identified, too.
+fn each_frame(
+    arguments: &Arguments,
+    mut work: impl FnMut(ImageView<'_>, u64, f64, Instant) -> Result<(bool, Value)>,
+) -> Result<()> {
+    let asked = &arguments.asked;
+    let mut pipe = Pipe::open(
+        "input",
+        std::slice::from_ref(&arguments.input),
+        arguments.raw,
+        asked.source.fps,
+        asked.source.max_pixels,
+    )?;
+    let mut stdout = std::io::stdout().lock();
+    let (mut followed, mut identified) = (0u64, 0u64);
+    let mut frame = Frame::default();
+    while let Some(time_s) = pipe.next_frame(&mut frame)? {
+        if asked.mirrored {
+            let picture = std::mem::replace(&mut frame.picture, Ok(Picture::default()));
+            frame.picture = picture.and_then(Picture::mirrored);
+        }
+        let picture = frame.picture.as_ref().map_err(|e| e.to_string());
+        let picture = picture.map_err(Error::Internal)?;
+        let view = picture.view()?;
+        asked.source.check_size([view.width(), view.height()])?;
+        let (is_identified, line) = work(view, frame.number, time_s, frame.arrived)?;
+        followed += 1;
+        identified += u64::from(is_identified);
+        writeln!(stdout, "{line}")
+            .and_then(|()| stdout.flush())
+            .map_err(crate::cli::stdout_error)?;
+    }
+    pipe.say_dropped(followed);
+    finish(&pipe.name, followed, identified)
+}
+
+fn max_latency(ms: Option<f64>) -> Result<Option<Duration>> {
+    let Some(ms) = ms else {
+        return Ok(None);
+    };
+    let inside = ms > 0.0 && ms <= 1e6;
+    require(
+        inside,
+        "--max-latency-ms",
+        "a positive number up to 1000000",
+        ms,
+    )?;
+    Ok(Some(Duration::from_secs_f64(1e-3 * ms)))
+}
+
+/// Summarizes the frames on standard error.
+fn finish(input: &Path, frames: u64, identified: u64) -> Result<()> {
+    if identified > 0 {
+        errln!(
+            "{}: {identified} of {frames} frames identified",
+            input.display()
+        );
+        return Ok(());
+    }
+    let reason = match frames {
+        0 => "no frame arrived".to_owned(),
+        _ => format!("none of {frames} frames is identified"),
+    };
+    Err(Error::NoAnswer {
+        path: input.to_path_buf(),
+        reason,
+    })
+}
+
+fn line(
+    shown_in: CameraFrame,
+    number: u64,
+    time_s: f64,
+    state: &TrackerState<'_>,
+    arrived: Instant,
+) -> Value {
+    let frame = state.frame;
+    let row = own_row(NamedFrame::of(time_s, frame), shown_in);
+    let mut json = ball_json(&row, shown_in, frame);
+    json["frame"] = number.into();
+    json["time_s"] = time_s.into();
+    match state.spin {
+        Ok(fit) => {
+            let turned = fit.turned(&shown_in.turn());
+            json["spin"] = crate::cli::spin_summary::fit_json(&turned, shown_in);
+            if !state.clock.is_right() {
+                json["spin"]["clock"] = json!(state.clock.words());
+            }
+        }
+        Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),
+    }
+    json["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
+    json
+}
