@@ -197,9 +197,9 @@ impl EvaluationConfig {
         };
         let ours = of(RecognizerName::Robust, all);
         let (papers, sensitivity) = match config.recognizer {
-            RecognizerName::Paper => (of(RecognizerName::Paper, all), usual),
+            RecognizerName::Voting => (of(RecognizerName::Voting, all), usual),
             RecognizerName::Robust => (
-                of(RecognizerName::Paper, &[ProtocolName::Paper]),
+                of(RecognizerName::Voting, &[ProtocolName::Paper]),
                 SensitivityConfig {
                     recognizers: vec![RecognizerName::Robust],
                     alphas: Vec::new(),
