@@ -293,7 +293,7 @@ impl Estimator {
     }
 }
 
-/// Warns where the outlines and dots of the balls of a clip's frames contradict the estimator's camera.
+/// Warns where the outlines of the balls of a clip's frames contradict the estimator's camera.
 pub fn warn_of_clip<'a>(
     py: Python<'_>,
     estimator: &spindoe::Estimator,

@@ -74,5 +74,5 @@ def test_a_camera_twice_too_long_is_named_in_every_mode(mode: str) -> None:
                 few = len(images) if mode == "tracker" else 4
                 for image, time_s in zip(images[:few], times):
                     tracker.update(image, time_s)
-        said = [str(w.message) for w in heard if "outlines and dots contradict the intrinsics" in str(w.message)]
+        said = [str(w.message) for w in heard if "outlines contradict the intrinsics" in str(w.message)]
         assert len(said) == (factor == 2.0), (factor, said)
