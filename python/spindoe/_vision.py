@@ -410,7 +410,10 @@ class Tracker:
         return TrackerState(float(time_s), frame_of(frame), spin_of(spin))
 
     def reset(self) -> None:
-        """Forgets everything: the next frame is the first of another trajectory."""
+        """Forgets everything: the next frame is the first of another trajectory.
+
+        Where the frames so far contradict the camera's focal lengths, this warns, as `update` does as soon as they say so.
+        """
         self._handle.reset()
 
     def __reduce__(self) -> NoReturn:

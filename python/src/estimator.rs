@@ -717,9 +717,12 @@ impl Tracker {
         Ok((frame_tuple(py, &frame), spin))
     }
 
-    fn reset(&self) {
+    fn reset(&self, py: Python<'_>) -> PyResult<()> {
         let mut guard = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         guard.0.reset();
+        let doubt = guard.2.end();
+        drop(guard);
+        warn_of(py, doubt)
     }
 }
 

@@ -52,7 +52,7 @@ def _clip(dots: np.ndarray, frames: int) -> tuple[np.ndarray, list[np.ndarray]]:
     return k, images
 
 
-@pytest.mark.parametrize("mode", ["sequence", "alone", "balls", "tracker"])
+@pytest.mark.parametrize("mode", ["sequence", "alone", "balls", "tracker", "a few frames of a tracker"])
 def test_a_camera_twice_too_long_is_named_in_every_mode(mode: str) -> None:
     pattern = spindoe.Pattern.shipped("dots20")
     k, images = _clip(np.asarray(pattern.dots), 12)
@@ -70,7 +70,9 @@ def test_a_camera_twice_too_long_is_named_in_every_mode(mode: str) -> None:
                 spindoe.Balls(estimator).estimate_sequence(images, times)
             else:
                 tracker = estimator.tracker()
-                for image, time_s in zip(images, times):
+                # No end is said to it.
+                few = len(images) if mode == "tracker" else 4
+                for image, time_s in zip(images[:few], times):
                     tracker.update(image, time_s)
         said = [str(w.message) for w in heard if "outlines contradict the intrinsics" in str(w.message)]
         assert len(said) == (factor == 2.0), (factor, said)

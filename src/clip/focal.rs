@@ -41,8 +41,6 @@ const MAX_FRAMES: usize = 32;
 const INDEPENDENT: f64 = 12.0;
 /// Fewer say nothing.
 const MIN_FRAMES: usize = 3;
-/// Outlines of a stream before it is asked first.
-const MIN_LIVE: usize = 8;
 /// Standard deviations of what draws outlines out beside the camera, pixels, over the radius where that is more: of all outlines
 /// alike, and of each.
 const SHARED: (f64, f64) = (0.1, 0.002);
@@ -309,7 +307,7 @@ impl CameraCheck {
     }
 }
 
-/// Asks a [`CameraCheck`] while its frames come in: each time that there are twice as many outlines.
+/// Asks a [`CameraCheck`] while its frames come in: as soon as it can say, and each time that there are half as many outlines more.
 #[derive(Debug, Clone)]
 pub struct LiveCheck {
     /// None without intrinsics, and once there is a doubt.
@@ -322,7 +320,7 @@ impl LiveCheck {
     pub fn new(camera: &CameraModel) -> Self {
         Self {
             check: CameraCheck::of_camera(camera),
-            next: MIN_LIVE,
+            next: MIN_FRAMES,
         }
     }
 
@@ -337,15 +335,17 @@ impl LiveCheck {
         if check.count < self.next {
             return None;
         }
-        self.next = 2 * check.count;
+        self.next = check.count + check.count.div_ceil(2);
         let doubt = check.doubt()?;
         self.check = None;
         Some(doubt)
     }
 
-    /// The doubt at the end, where there was none before.
+    /// The doubt at the end of a stream, or of a part of it, where there was none before.
     pub fn end(&mut self) -> Option<FocalDoubt> {
-        self.check.take()?.doubt()
+        let doubt = self.check.as_ref()?.doubt()?;
+        self.check = None;
+        Some(doubt)
     }
 }
 

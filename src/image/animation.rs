@@ -82,6 +82,108 @@ fn is_gif(bytes: &[u8]) -> Option<bool> {
     Some(pictures > 1)
 }
 
+/// Whether a second picture stands right behind the first one, as in a stream: a JPEG, PNG, BMP or binary PNM file. What a phone's camera keeps
+/// with a picture (CIPA DC-007, "Multi-Picture Format") is none.
+pub(crate) fn is_stream(bytes: &[u8]) -> bool {
+    let follows = |end: Option<usize>, begins: fn(&[u8]) -> bool| {
+        end.and_then(|end| bytes.get(end..)).is_some_and(begins)
+    };
+    match bytes {
+        [0xff, 0xd8, ..] => follows(jpeg_end(bytes), |rest| rest.starts_with(b"\xff\xd8\xff")),
+        [0x89, b'P', ..] => follows(png_end(bytes), |rest| rest.starts_with(b"\x89PNG")),
+        [b'P', b'4'..=b'6', ..] => follows(pnm_end(bytes), |rest| {
+            let next = rest.trim_ascii_start();
+            next.first() == Some(&b'P') && next.get(1).is_some_and(u8::is_ascii_digit)
+        }),
+        [b'P', b'7', ..] => follows(pam_end(bytes), |rest| rest.starts_with(b"P7\n")),
+        // Its header says its length.
+        [b'B', b'M', a, b, c, d, ..] => {
+            let length = u32::from_le_bytes([*a, *b, *c, *d]) as usize;
+            length > 0 && follows(Some(length), |rest| rest.starts_with(b"BM"))
+        }
+        _ => false,
+    }
+}
+
+/// Behind the marker that ends a picture (ITU-T T.81, annex B); `None` for one with others of its own.
+fn jpeg_end(bytes: &[u8]) -> Option<usize> {
+    let mut at = 2;
+    loop {
+        // Data of a scan come before its next marker.
+        let marker = bytes
+            .get(at..)?
+            .windows(2)
+            .position(|two| two[0] == 0xff && !matches!(two[1], 0 | 1 | 0xd0..=0xd7 | 0xff))?;
+        at += marker + 2;
+        if bytes[at - 1] == 0xd9 {
+            return Some(at);
+        }
+        let length = u16::from_be_bytes(*bytes.get(at..)?.first_chunk()?);
+        if bytes[at - 1] == 0xe2 && bytes.get(at + 2..)?.starts_with(b"MPF\0") {
+            return None;
+        }
+        at += usize::from(length);
+    }
+}
+
+fn png_end(bytes: &[u8]) -> Option<usize> {
+    let mut at = 8;
+    loop {
+        let (length, kind) = bytes.get(at..at + 8)?.split_first_chunk::<4>()?;
+        // And its checksum.
+        at = (u32::from_be_bytes(*length) as usize).checked_add(at + 12)?;
+        if kind == b"IEND" {
+            return Some(at);
+        }
+    }
+}
+
+/// By columns, rows and, but for bits, the greatest value, with comments between them.
+fn pnm_end(bytes: &[u8]) -> Option<usize> {
+    let (kind, mut at) = (*bytes.get(1)?, 2);
+    let mut next = || {
+        loop {
+            match bytes.get(at)? {
+                b'#' => at += bytes.get(at..)?.iter().position(|b| *b == b'\n')?,
+                space if space.is_ascii_whitespace() => at += 1,
+                _ => break,
+            }
+        }
+        let digits = bytes.get(at..)?;
+        let digits = &digits[..digits.iter().position(|b| !b.is_ascii_digit())?];
+        at += digits.len();
+        Some((
+            std::str::from_utf8(digits).ok()?.parse::<usize>().ok()?,
+            at + 1,
+        ))
+    };
+    let (columns, rows) = (next()?.0, next()?);
+    let (row, start) = match kind {
+        b'4' => (columns.div_ceil(8), rows.1),
+        _ => {
+            let (greatest, start) = next()?;
+            let bytes = if greatest > 255 { 2 } else { 1 };
+            let channels = if kind == b'6' { 3 } else { 1 };
+            (columns.checked_mul(bytes * channels)?, start)
+        }
+    };
+    row.checked_mul(rows.0)?.checked_add(start)
+}
+
+/// By the lines `WIDTH n`, `HEIGHT n`, `DEPTH n` and `MAXVAL n` before `ENDHDR` (Netpbm's manual, pam(5)).
+fn pam_end(bytes: &[u8]) -> Option<usize> {
+    let end = bytes.windows(7).position(|w| w == b"ENDHDR\n")?;
+    let header = std::str::from_utf8(bytes.get(..end)?).ok()?;
+    let stated = |key: &str| {
+        let mut lines = header.lines().map(|line| line.split_ascii_whitespace());
+        let mut line = lines.find(|line| line.clone().next() == Some(key))?;
+        line.nth(1)?.parse::<usize>().ok()
+    };
+    let bytes = if stated("MAXVAL")? > 255 { 2 } else { 1 };
+    let row = stated("WIDTH")?.checked_mul(stated("DEPTH")?.checked_mul(bytes)?)?;
+    row.checked_mul(stated("HEIGHT")?)?.checked_add(end + 7)
+}
+
 /// The pictures of an animation, one by one: a thread of its own decodes them, which may not change threads meanwhile, one in advance.
 pub(crate) struct Animation(Receiver<Result<Picture>>);
 

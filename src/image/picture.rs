@@ -7,7 +7,7 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageReader};
 
-use super::animation::is_animation;
+use super::animation::{is_animation, is_stream};
 use super::{GrayImage, ImageView, RawImage, RawPixel, RgbImage};
 use crate::error::{Error, Result};
 use crate::files;
@@ -151,6 +151,10 @@ impl Picture {
         }
         if is_animation(bytes) {
             let problem = "expected one picture, found an animation";
+            return Err(Error::input(path, "image", problem));
+        }
+        if is_stream(bytes) {
+            let problem = "expected one picture, found several, one behind the other: `estimate --follow` reads such a stream, and an `.mjpeg` file";
             return Err(Error::input(path, "image", problem));
         }
         let broken = |e: image::ImageError| broken(path, &e);

@@ -22,9 +22,10 @@ const IMAGES: [&str; 12] = [
     "png", "jpg", "jpeg", "bmp", "tif", "tiff", "pgm", "ppm", "pnm", "pbm", "gif", "webp",
 ];
 /// Endings of video files, lower case.
-const VIDEOS: [&str; 19] = [
+const VIDEOS: [&str; 36] = [
     "mp4", "avi", "mov", "mkv", "webm", "m4v", "mpg", "mpeg", "wmv", "ts", "mts", "m2ts", "3gp",
-    "flv", "h264", "264", "h265", "265", "hevc",
+    "3g2", "flv", "ogv", "mxf", "nut", "ivf", "y4m", "asf", "vob", "mj2", "qt", "f4v", "h264",
+    "264", "h265", "265", "hevc", "mjpeg", "mjpg", "m1v", "m2v", "obu", "av1",
 ];
 
 /// Compares names in natural order: runs of digits as numbers, the rest by letter. Names that

@@ -25,7 +25,9 @@ const TIME_ROUNDING_S: f64 = 2.1e-3;
 const SLOW_MOTION: f64 = 1.2;
 
 /// Endings of raw streams, whose frames have no times: what ffmpeg logs of them is its guess.
-const RAW_STREAMS: [&str; 5] = ["h264", "264", "h265", "265", "hevc"];
+const RAW_STREAMS: [&str; 11] = [
+    "h264", "264", "h265", "265", "hevc", "mjpeg", "mjpg", "m1v", "m2v", "obu", "av1",
+];
 
 /// The option that leaves the frames as they are: `-fps_mode` from ffmpeg 5.1 on, before it `-vsync`, which went with 9.
 fn passthrough() -> &'static str {

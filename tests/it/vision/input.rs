@@ -451,6 +451,61 @@ fn an_animation_is_no_picture() {
     assert!(refused.contains("an animation"), "{refused}");
 }
 
+/// What a camera or a pipe writes one behind the other. Only the first picture of such a file was read, without a word.
+#[test]
+fn pictures_one_behind_the_other_are_no_single_picture() {
+    let values: Vec<u8> = (0..18).map(|k| 10 * k).collect();
+    let encoded = |format| {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let written = image::write_buffer_with_format(
+            &mut bytes,
+            &values,
+            3,
+            2,
+            image::ExtendedColorType::Rgb8,
+            format,
+        );
+        written.unwrap();
+        bytes.into_inner()
+    };
+    let with_header = |header: &str, bytes: &[u8]| [header.as_bytes(), bytes].concat();
+    let jpeg = encoded(image::ImageFormat::Jpeg);
+    for one in [
+        jpeg.clone(),
+        encoded(image::ImageFormat::Png),
+        encoded(image::ImageFormat::Bmp),
+        with_header("P6 # colors\n3 2\n255\n", &values),
+        with_header("P5\n9 1 65535\n", &values),
+        with_header("P4 17 2\n", &values[..6]),
+        with_header(
+            "P7\nWIDTH 3\nHEIGHT 2\nDEPTH 3\nMAXVAL 255\nTUPLTYPE RGB\nENDHDR\n",
+            &values,
+        ),
+    ] {
+        let path = Path::new("a.picture");
+        let start = String::from_utf8_lossy(&one[..2]).into_owned();
+        let alone = Picture::decode(path, &one, DEFAULT_MAX_PIXELS);
+        assert!(alone.is_ok(), "{start}: {alone:?}");
+        // Bytes behind a picture that begin none are a camera's own.
+        let noted = [&one[..], b"\0\0 notes"].concat();
+        assert!(
+            Picture::decode(path, &noted, DEFAULT_MAX_PIXELS).is_ok(),
+            "{start}"
+        );
+        let two = [&one[..], &one[..]].concat();
+        let refused = Picture::decode(path, &two, DEFAULT_MAX_PIXELS).unwrap_err();
+        let words = refused.to_string();
+        assert!(
+            words.contains("found several") && words.len() < 200,
+            "{start}: {words}"
+        );
+    }
+    // A phone's picture with its gain map behind it says so in a segment of its own.
+    let segment = b"\xff\xe2\0\x0aMPF\0MM\0*";
+    let phone = [&jpeg[..2], segment, &jpeg[2..], &jpeg].concat();
+    assert!(Picture::decode(Path::new("a.jpg"), &phone, DEFAULT_MAX_PIXELS).is_ok());
+}
+
 /// Files that Pillow wrote (13.0); where frames of WebP lie over each other, the reader is up to a level off: pictures of 6 x 4 pixels, 200 everywhere but at column 2 of row 1, which has 40, 80 and 120 in turn.
 #[test]
 fn all_pictures_of_an_animation_are_frames() {

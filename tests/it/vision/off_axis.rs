@@ -3,7 +3,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use spindoe::clip::{SeenOval, focal_doubt};
+use spindoe::clip::{LiveCheck, SeenOval, focal_doubt};
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
 use spindoe::image::{GrayImage, RgbImage};
 use spindoe::pattern::Pattern;
@@ -434,11 +434,15 @@ fn outlines_contradict_focal_lengths_that_are_far_off() {
                 fy: factor * cast.intrinsics.fy,
                 ..cast.intrinsics
             };
-            let seen = images.iter().filter_map(|image| {
-                let out = estimated(&pattern, Camera::Perspective(k).into(), image, None);
-                out.pose().and_then(|_| SeenOval::of(&out, 0.0))
-            });
-            let seen: Vec<SeenOval> = seen.collect();
+            let camera = Camera::Perspective(k).into();
+            // As a stream is asked, which never says that it ends.
+            let mut live = LiveCheck::new(&camera);
+            let (mut seen, mut said) = (Vec::new(), Vec::new());
+            for (number, image) in images.iter().enumerate() {
+                let out = estimated(&pattern, camera, image, None);
+                seen.extend(out.pose().and_then(|_| SeenOval::of(&out, 0.0)));
+                said.extend(live.push(SIDE, [&out]).map(|_| number));
+            }
             let doubt = focal_doubt(&k, &seen);
             let is_far = factor != 1.0 && off_axis_deg > 10.0;
             println!(
@@ -449,6 +453,13 @@ fn outlines_contradict_focal_lengths_that_are_far_off() {
                 doubt.is_some(),
                 is_far,
                 "{off_axis_deg} deg, f x {factor}: {doubt:?}"
+            );
+            // A short stream says it, too, and once.
+            let soon = said.iter().filter(|number| **number < 5).count();
+            assert_eq!(
+                (soon, said.len()),
+                (usize::from(is_far), soon),
+                "f x {factor}: {said:?}"
             );
             if let Some(doubt) = doubt {
                 assert!(
