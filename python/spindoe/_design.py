@@ -121,7 +121,8 @@ class DesignResult:
 
     @property
     def validation(self) -> list[Validation]:
-        """The rates on trials that the search never used: every recognizer, every protocol."""
+        """The rates on trials that the search never used: of the default recognizer on every protocol, of the
+        paper's on the paper's views, and on all where the search is for it."""
         return [Validation._of(found) for found in self.report["validation"]]
 
     def __repr__(self) -> str:

@@ -154,7 +154,7 @@ impl Picture {
             return Err(Error::input(path, "image", problem));
         }
         if is_stream(bytes) {
-            let problem = "expected one picture, found several, one behind the other: `estimate --follow` reads such a stream, and an `.mjpeg` file";
+            let problem = "expected one picture, found several, one behind the other: `spindoe live` reads such a stream, `estimate` an `.mjpeg` file";
             return Err(Error::input(path, "image", problem));
         }
         let broken = |e: image::ImageError| broken(path, &e);

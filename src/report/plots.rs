@@ -211,7 +211,7 @@ pub fn features(path: &Path, ball: &Ball) -> Result<()> {
     feature_plot(path, &values, &tree.nearest_distances(), &title)
 }
 
-/// Failures of both recognizers in all protocols.
+/// Failures of the rated recognizers in all protocols.
 fn rates(path: &Path, validation: &[NamedValidation]) -> Result<()> {
     let bar = |recognizer: RecognizerName, name: ProtocolName| {
         validation
