@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use spindoe::Result;
 use spindoe::design::{DesignConfig, DesignObserver, SearchState, Stage};
-use spindoe::report::{DesignJob, EvaluationConfig, JobObserver, Start};
+use spindoe::report::{DesignJob, JobObserver, Start};
 
 /// Prints the best rate after each piece of work, and the stages after the search.
 struct Printer;
@@ -29,16 +29,13 @@ impl JobObserver for Printer {
 
 fn main() -> Result<()> {
     let dir = std::env::args().nth(1).unwrap_or("my-ball".into());
-    let job = DesignJob {
-        config: DesignConfig {
-            starts: 4,
-            samples: 2_000,
-            seed: 42,
-            ..DesignConfig::default()
-        },
-        evaluation: EvaluationConfig::of_samples(2_000),
-        ..DesignJob::new(dir)
+    let config = DesignConfig {
+        starts: 4,
+        samples: 2_000,
+        seed: 42,
+        ..DesignConfig::default()
     };
+    let job = DesignJob::of(config, dir);
     let never = AtomicBool::new(false);
     let found = job.run(Start::Fresh, &never, &mut Printer)?;
     for v in &found.report.validation {

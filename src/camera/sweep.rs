@@ -59,6 +59,9 @@ const NOISE_LEVELS: [f64; 5] = [1.0, 2.0, 4.0, 8.0, 16.0];
 /// Blur, ball diameters, where none is stated.
 const DEFOCUS: [f64; 5] = [0.003, 0.006, 0.012, 0.025, 0.05];
 
+/// Exposures of a camera whose own is none, ms.
+const EXPOSURES_MS: [f64; 5] = [0.05, 0.1, 0.2, 0.4, 0.8];
+
 /// One camera of a sweep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SweptCamera {
@@ -100,7 +103,7 @@ impl CameraSweep {
                 .map_or(usual, |v| FACTORS.map(|f| f * v))
         };
         let pixels = FACTORS.map(|f| f * base.ball_px);
-        let exposures = FACTORS.map(|f| 1e3 * f * base.exposure_s);
+        let exposures = around(Some(1e3 * base.exposure_s), EXPOSURES_MS);
         let noise = around(base.noise_levels, NOISE_LEVELS);
         let blur = around(base.defocus_px, DEFOCUS.map(|b| b * base.ball_px));
         let dots = FACTORS.map(|f| f * base.dot_diameter);

@@ -185,7 +185,7 @@ impl ImageArguments {
                 Ok(DotDetector::Cnn(net))
             }
             (Some(_), DetectorName::Blob) => {
-                let problem = "expected --detector cnn: blobs have no weights";
+                let problem = "expected --config detector=cnn: blobs have no weights";
                 Err(Error::argument("weights", problem))
             }
         }

@@ -53,7 +53,7 @@ impl Need {
     fn of(command: &str) -> Self {
         match command {
             "design" | "merge" | "advise" => DESIGN,
-            "calibrate" | "estimate" => CLIP,
+            "calibrate" | "estimate" | "live" => CLIP,
             "identify" => DOTS,
             "stencil" | "validate" | "synth" => SMALL,
             _ => LITTLE,

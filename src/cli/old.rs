@@ -42,7 +42,7 @@ const FLAGS: [(&str, &str, &str); 27] = [
         "max-latency-ms",
         "`spindoe live --max-latency-ms`",
     ),
-    ("calibrate", "circles", "--circle"),
+    ("calibrate", "circles", "--config circle=U,V,R"),
     ("spin", "sigma-deg", "--config orientation_sigma_deg=S"),
     ("spin", "decay", "--motion decaying"),
     ("spin", "precession", "--motion precessing"),

@@ -44,7 +44,7 @@ pub(super) fn reject_foreign<T: ValueEnum + PartialEq>(
         Some((id, having)) => {
             let names = having.iter().filter_map(ValueEnum::to_possible_value);
             let names: Vec<String> = names.map(|name| name.get_name().to_owned()).collect();
-            let problem = format!("is a flag of --as {}", names.join(" and "));
+            let problem = format!("goes with --as {} only", names.join(" and "));
             Err(Error::argument(*id, problem))
         }
     }

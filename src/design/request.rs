@@ -154,11 +154,12 @@ impl DesignRequest {
     /// [`Error::Argument`] naming the field that is outside its domain, or holes so large that the
     /// dots do not fit.
     pub fn config(&self) -> Result<DesignConfig> {
-        let measured = |name, dots| {
-            let views: Vec<ViewModel> = self.protocols()?.iter().map(|p| *p.view()).collect();
-            Objective::for_views(name, &views, dots)
-        };
+        let measured = |name, dots| Objective::for_views(name, &self.views()?, dots);
         self.config_with(&measured)
+    }
+
+    fn views(&self) -> Result<Vec<ViewModel>> {
+        Ok(self.protocols()?.iter().map(|p| *p.view()).collect())
     }
 
     /// As [`config`](Self::config) before a camera: `too_few` says how often its views of so many dots show too few,
@@ -172,7 +173,7 @@ impl DesignRequest {
                 let rate = FailureRate::of_camera(too_few(dots)?, dots);
                 Ok(Objective::FailureRate(rate))
             }
-            _ => Objective::for_views(name, &[], dots),
+            _ => Objective::for_views(name, &self.views()?, dots),
         })
     }
 

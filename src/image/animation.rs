@@ -105,6 +105,9 @@ pub(crate) fn is_stream(bytes: &[u8]) -> bool {
     }
 }
 
+/// What a phone's portrait says of the depth or brightness pictures behind it (Google's "Dynamic Depth", "Ultra HDR").
+const CONTAINER: &[u8] = b"Container:Directory";
+
 /// Behind the marker that ends a picture (ITU-T T.81, annex B); `None` for one with others of its own.
 fn jpeg_end(bytes: &[u8]) -> Option<usize> {
     let mut at = 2;
@@ -119,7 +122,15 @@ fn jpeg_end(bytes: &[u8]) -> Option<usize> {
             return Some(at);
         }
         let length = u16::from_be_bytes(*bytes.get(at..)?.first_chunk()?);
-        if bytes[at - 1] == 0xe2 && bytes.get(at + 2..)?.starts_with(b"MPF\0") {
+        let segment = bytes.get(at + 2..at + usize::from(length).max(2))?;
+        let has_others = match bytes[at - 1] {
+            0xe1 => segment
+                .windows(CONTAINER.len())
+                .any(|part| part == CONTAINER),
+            0xe2 => segment.starts_with(b"MPF\0"),
+            _ => false,
+        };
+        if has_others {
             return None;
         }
         at += usize::from(length);

@@ -154,7 +154,7 @@ impl Picture {
             return Err(Error::input(path, "image", problem));
         }
         if is_stream(bytes) {
-            let problem = "expected one picture, found several, one behind the other: `spindoe live` reads such a stream, `estimate` an `.mjpeg` file";
+            let problem = "expected one picture, found several, one behind the other: split it into files, or end its name in .mjpeg if they are JPEG";
             return Err(Error::input(path, "image", problem));
         }
         let broken = |e: image::ImageError| broken(path, &e);

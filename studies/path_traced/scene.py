@@ -29,7 +29,7 @@ class Scene:
 
     kind: str
     shown: str
-    """What stands in the ball's place, by the names of `spindoe synth --kind`."""
+    """What stands in the ball's place, by the names of the setting `kind` of `spindoe synth`."""
     center: Array
     rotation: Rotation
     """Pattern to camera frame, at mid-exposure."""

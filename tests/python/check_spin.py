@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Estimates a constant spin with SciPy alone, and compares it with `spindoe spin --json`.
 
-    spindoe simulate -o o.csv --outliers 0
+    spindoe synth --as orientations -o o.csv --config outliers=0
     spindoe spin o.csv --json > spin.json
     python3 tests/python/check_spin.py o.csv spin.json
 

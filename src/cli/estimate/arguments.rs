@@ -111,7 +111,7 @@ pub struct Arguments {
 /// What is for several balls, or several images of one.
 const SEVERAL: [&str; 2] = ["balls", "strobe_ms"];
 /// What only balls with dots have.
-const DOTS_ONLY: [&str; 13] = [
+const DOTS_ONLY: [&str; 15] = [
     "balls",
     "strobe_ms",
     "calibrate",
@@ -125,6 +125,8 @@ const DOTS_ONLY: [&str; 13] = [
     "overlay",
     "report",
     "preset",
+    "weights",
+    "detector",
 ];
 
 /// What ball the frames show.

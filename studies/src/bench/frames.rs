@@ -90,7 +90,7 @@ impl Args {
             let [cnn, blob]: [Vec<Seen>; 2] =
                 [0, 1].map(|k| seen.iter().map(|both| both[k].clone()).collect());
             tables(&cnn);
-            println!("\nWith `--detector {}`:", DetectorName::Blob);
+            println!("\nWith `--config detector={}`:", DetectorName::Blob);
             line(&table(), "all", &blob, &|_| true);
         }
         Ok(())

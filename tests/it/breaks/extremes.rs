@@ -298,11 +298,11 @@ fn numbers_without_meaning_are_refused_by_name() {
         ),
         (
             "mark p.csv --as gores -o m.svg --config pen_delay_s=1",
-            "pen_delay_s: is a flag of --as plotter",
+            "pen_delay_s: goes with --as plotter only",
         ),
         (
             "mark p.csv --as plotter -o m.svg --config lobes=12",
-            "lobes: is a flag of --as gores",
+            "lobes: goes with --as gores only",
         ),
         (
             "synth --as orientations -o absent/s.csv",

@@ -58,7 +58,7 @@ fn validated(recognizer: &RobustRecognizer, trials: &Trials<'_>, of: ProtocolNam
 }
 
 /// Beside each protocol the identities and orientations that 20 000 trials of another seed found, of those
-/// judged: `spindoe validate designs/dots20 --protocol P --sigma-deg S --samples 20000 --seed 20261201`.
+/// judged: `spindoe validate designs/dots20 --protocol P --config sigma_deg=S --samples 20000 --seed 20261201`.
 #[test]
 fn rates_on_the_shipped_design() {
     let pattern = crate::common::dots20();
