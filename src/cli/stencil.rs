@@ -243,6 +243,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let advice = "choose another folder, or --overwrite it";
         files::reject_taken(dir, &FILES, "a stencil", advice)?;
     }
+    // Before the work: what cannot be written costs none.
+    let set = Replacement::begin(dir)?;
     let counter = Counter::new(PARTS.iter().sum::<u64>() + LAST, "parts of the work");
     let done = |step: usize| counter.add(PARTS[step]);
     let stencil = Stencil::build_with(pattern, &config, &done).map_err(|error| {
@@ -250,7 +252,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         with_largest(error, pattern, &config, arguments.hole_parameter(&config))
     })?;
     let rings = arguments.coupon.then(|| coupon(&config)).transpose()?;
-    let set = Replacement::begin(dir)?;
     stencil.write(set.path())?;
     if let Some(rings) = rings {
         files::write_bytes(&set.path().join(COUPON), &stl_bytes(&rings)?)?;
