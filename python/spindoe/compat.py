@@ -140,11 +140,10 @@ class BayGeoHasher:
             "alpha": float(self.projection_ll_scale),
             "verify_fraction": 1.0 - self.upper_score_perc / 100.0,
         }
-        if self.recognizer not in ("robust", "voting"):
-            renamed = "; the paper's recognizer is now voting" if self.recognizer == "paper" else ""
-            raise ValueError(
-                f"recognizer: expected robust or voting, found {self.recognizer!r}{renamed}"
-            )
+        name: str = self.recognizer
+        if name not in ("robust", "voting"):
+            renamed = "; the paper's recognizer is now voting" if name == "paper" else ""
+            raise ValueError(f"recognizer: expected robust or voting, found {name!r}{renamed}")
         state = (self.recognizer, tuple(paper.values()), self.min_feature_dist, self.threshold)
         if self._made is None or self._made[0] != state:
             if self.recognizer == "voting":

@@ -43,7 +43,8 @@ def test_a_design_from_start_to_end(tmp_path):
     events = []
     design = spindoe.Design(tmp_path / "d", seed=1, **SMALL)
     found = pickle.loads(pickle.dumps(design)).run(events.append)
-    assert len(found.pattern) == 12 and len(found.validation) == 8
+    # Ours in each protocol, the paper's in its own.
+    assert len(found.pattern) == 12 and len(found.validation) == 5
     assert {event.stage for event in events} >= {"scout", "climb", "try", "finish"}
     assert any(event.best is not None for event in events)
     assert (tmp_path / "d/stencil/half_a.stl").exists()
