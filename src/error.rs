@@ -236,6 +236,20 @@ pub(crate) fn counted(count: usize, noun: &str) -> String {
     format!("{count} {noun}{ending}")
 }
 
+/// The verb of so many.
+#[cfg(feature = "vision")]
+pub(crate) fn are(count: usize) -> &'static str {
+    if count == 1 { "is" } else { "are" }
+}
+
+/// Dots by their numbers: `dot 3`, or `dots 3, 7`.
+#[cfg(feature = "vision")]
+pub(crate) fn dots(numbers: &[usize]) -> String {
+    let ending = if numbers.len() == 1 { "" } else { "s" };
+    let words: Vec<String> = numbers.iter().map(usize::to_string).collect();
+    format!("dot{ending} {}", words.join(", "))
+}
+
 /// The parameter that an [`Error::Argument`] is about, named as the library names it: the field or
 /// argument in snake case with its unit, such as `min_separation_rad`. The command maps it to its
 /// flag.

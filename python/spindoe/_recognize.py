@@ -209,6 +209,12 @@ class PaperSettings(TypedDict, total=False):
     """The sum that forms a basis' score."""
 
 
+def no_recognizer(name: str) -> ValueError:
+    """The error of a name that no recognizer has."""
+    renamed = "; the paper's recognizer is now voting" if name == "paper" else ""
+    return ValueError(f"recognizer: expected robust or voting, found {name!r}{renamed}")
+
+
 class Recognizer:
     """Identifies the dots of views.
 
@@ -289,8 +295,7 @@ class Recognizer:
                 0.0 if min_confidence is None else min_confidence,
             )
         else:
-            renamed = "; the paper's recognizer is now voting" if recognizer == "paper" else ""
-            raise ValueError(f"recognizer: expected robust or voting, found {recognizer!r}{renamed}")
+            raise no_recognizer(recognizer)
 
     @property
     def settings(self) -> dict[str, Any]:

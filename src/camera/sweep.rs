@@ -37,9 +37,7 @@ impl CameraParameter {
             Self::DotDiameter => "dot_diameter",
         }
     }
-}
 
-impl CameraParameter {
     /// In words, with its unit.
     pub fn words(self) -> &'static str {
         match self {

@@ -273,27 +273,6 @@ pub(super) fn read_ball(path: &Path) -> Result<Ball> {
     })
 }
 
-/// The surface of a painted ball, where the file is one.
-///
-/// # Errors
-/// That of a surface whose arrays are damaged; a file of another kind is `None`.
-pub(super) fn read_surface(path: &Path) -> Result<Option<Surface>> {
-    match Surface::read_npz(path) {
-        Ok(surface) => Ok(Some(surface)),
-        // Those arrays are read where the metadata say that it is one.
-        Err(Error::Input {
-            place,
-            path,
-            problem,
-        }) if ["values", "views"].contains(&&*place) => Err(Error::Input {
-            path,
-            place,
-            problem,
-        }),
-        Err(_) => Ok(None),
-    }
-}
-
 /// The balls of several files; two must not have the same pattern, rotated or not, since images cannot tell
 /// which it is.
 pub(super) fn read_balls(paths: &[PathBuf]) -> Result<Vec<Ball>> {

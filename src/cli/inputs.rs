@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::images::{order_warning, unused_warning};
 use super::output::Counter;
 use crate::clip::{BallEstimate, Batch, BatchConfig, BatchObserver, FocalDoubt, TimeSource};
-use crate::error::{Result, counted};
+use crate::error::{Result, are, counted};
 use crate::files::csv::shown;
 use crate::image::RgbImage;
 use crate::source::files::{self, SkippedFiles, Source};
@@ -102,7 +102,7 @@ pub(super) fn say_skipped(all: &[SkippedFiles]) {
         errln!(
             "{folder}: skipped {}, which {} no image{}: {}{more}",
             counted(count, "file"),
-            if count == 1 { "is" } else { "are" },
+            are(count),
             if count == 1 { "" } else { "s" },
             listed.join(", ")
         );

@@ -158,10 +158,8 @@ impl Tenths {
             return None;
         }
         self.said = tenth;
-        let gone = self.began.elapsed();
         let share = done as f64 / total.max(1) as f64;
-        let left = gone.as_secs_f64() * (1.0 - share) / share;
-        (gone > BRIEF).then(|| format!("; {left:.0} s left"))
+        (self.began.elapsed() > BRIEF).then(|| left((self.began, 0.0), share))
     }
 }
 

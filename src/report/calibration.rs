@@ -15,7 +15,7 @@ use crate::calibrate::{
     SurfaceMark, held_out_with,
 };
 use crate::concurrency::StopFlag;
-use crate::error::Result;
+use crate::error::{Result, dots};
 use crate::files;
 use crate::geometry::{Vec3, angle_between, tangent_frame};
 use crate::pattern::Pattern;
@@ -352,10 +352,6 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
     let list = |numbers: &[usize]| {
         let words: Vec<String> = numbers.iter().map(usize::to_string).collect();
         words.join(", ")
-    };
-    let dots = |numbers: &[usize]| match numbers {
-        [one] => format!("dot {one}"),
-        more => format!("dots {}", list(more)),
     };
     let FramesReport {
         with_ball, fitted, ..

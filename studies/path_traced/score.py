@@ -23,9 +23,10 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.stats import binomtest, chi2
 
 RIGHT_WITHIN_DEG = 20.0
-CHI2_95 = 7.814727903251179
+CHI2_95 = float(chi2.ppf(0.95, 3))
 """Of three degrees of freedom."""
 
 
@@ -107,10 +108,8 @@ def share(count: int, total: int) -> str:
     """A rate in percent with its Wilson 95 % interval."""
     if total == 0:
         return "-"
-    z, p = 1.959963984540054, count / total
-    middle = (p + z * z / (2 * total)) / (1 + z * z / total)
-    half = z * np.sqrt(p * (1 - p) / total + z * z / (4 * total * total)) / (1 + z * z / total)
-    return f"{100 * p:.1f} % [{100 * max(0.0, middle - half):.1f}, {100 * min(1.0, middle + half):.1f}]"
+    low, high = binomtest(count, total).proportion_ci(method="wilson")
+    return f"{100 * count / total:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
 
 
 def quantile(values: Any, q: float, form: str = "{:.3f}") -> str:

@@ -32,7 +32,7 @@ mod tidy;
 
 use super::config::CalibrationConfig;
 use super::result::CalibrationRejection;
-use crate::error::{Error, Result, counted, require};
+use crate::error::{Error, Result, are, counted, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::vision::FrameEstimate;
 use crate::vision::painted::PaintedFrame;
@@ -48,11 +48,6 @@ use marks::{MiddleDisc, marks};
 use seen::Seen;
 use surface::Surface;
 pub use survey::{MarkedSurface, MissingSide, Side, SurfaceMark, SurfacePlace, Survey};
-
-/// The verb of so many.
-fn are(count: usize) -> &'static str {
-    if count == 1 { "is" } else { "are" }
-}
 
 /// What so many marks are.
 fn a_dot(count: usize) -> &'static str {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::calibrate::{Calibration, DotState};
-use crate::error::counted;
+use crate::error::{counted, dots as named};
 use crate::report::calibration::{CalibrationEvaluation, CalibrationReport};
 
 /// Summarizes the calibration.
@@ -50,9 +50,9 @@ pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, 
         ),
     ] {
         let dots = evaluated.report.dots.iter().filter(|d| d.state == state);
-        let numbers: Vec<String> = dots.map(|d| d.nominal_number.to_string()).collect();
-        if let Some(which) = numbered(&numbers) {
-            outln!("  {words}: {which}");
+        let numbers: Vec<usize> = dots.map(|d| d.nominal_number).collect();
+        if !numbers.is_empty() {
+            outln!("  {words}: {}", named(&numbers));
         }
     }
     for mark in &evaluated.report.marks {
@@ -116,14 +116,5 @@ pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, 
         for line in set.words() {
             outln!("  {line}");
         }
-    }
-}
-
-/// `dot 3`, or `dots 3, 7`.
-fn numbered(numbers: &[String]) -> Option<String> {
-    match numbers {
-        [] => None,
-        [one] => Some(format!("dot {one}")),
-        more => Some(format!("dots {}", more.join(", "))),
     }
 }

@@ -182,7 +182,7 @@ pub struct Arguments {
     )]
     blur: f64,
     /// The camera that the pattern is for, as for `spindoe advise`: it chooses the number of dots where --dots
-    /// is not given, and ranks the finalists on rendered frames. That takes some 4 minutes of one core.
+    /// is not given, and ranks the finalists on rendered frames. That takes some 5 minutes of one core.
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "dark|any|CAMERA.toml")]
     pub(super) camera: Option<CameraSource>,

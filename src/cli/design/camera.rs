@@ -34,7 +34,7 @@ const DOTS: [usize; 6] = [16, 20, 24, 28, 32, 40];
 const STARTS: usize = 4;
 const SAMPLES: u64 = 2_000;
 /// Frames of each pattern in the choice and of each finalist in the ranking, of which half choose and half
-/// measure. With them the whole takes some 4 minutes of CPU in any surroundings, 30 ms a frame.
+/// measure. With them the whole takes some 5 minutes of CPU in any surroundings, 30 ms a frame.
 pub(super) const FRAMES: u64 = 512;
 /// Part of the largest separation known for so many dots that a search is left with: with all of it
 /// there is one pattern.

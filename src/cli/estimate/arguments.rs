@@ -6,7 +6,7 @@ use clap::parser::ValueSource;
 use clap::{ArgMatches, Args};
 
 use super::Asked;
-use crate::cli::images::{TimesArgument, read_surface};
+use crate::cli::images::TimesArgument;
 use crate::cli::output::one_of;
 use crate::clip::BatchConfig;
 use crate::error::{Error, Result};
@@ -141,7 +141,7 @@ impl Arguments {
     /// What ball the frames show, by its table or --painted; flags that it has no use for are refused.
     pub(super) fn shown(&self, given: Option<&ArgMatches>) -> Result<Shown> {
         let surface = match &self.asked.table[..] {
-            [path] => read_surface(path)?,
+            [path] => Surface::read_if_one(path)?,
             _ => None,
         };
         let is_painted = self.painted || surface.is_some();

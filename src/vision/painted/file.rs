@@ -11,7 +11,7 @@ use zip::ZipWriter;
 
 use super::surface::{Grid, PLACES, Surface};
 use crate::error::{Error, Result};
-use crate::npz::{Checked, Problem, add_array, one_line, open, read_array};
+use crate::npz::{Archive, Checked, Problem, add_array, one_line, open, read_array};
 
 /// The arrays of the file.
 const ARRAYS: [&str; 3] = ["values", "views", "meta"];
@@ -58,6 +58,24 @@ impl Surface {
         Self::from_npz(path, &crate::files::read_bytes(path)?)
     }
 
+    /// The surface of a file; `None` where it is a file of another kind, or cannot be read.
+    ///
+    /// # Errors
+    /// [`Error::Input`] where it says that it is a surface, and its arrays are damaged.
+    #[cfg(feature = "native")]
+    pub fn read_if_one(path: &Path) -> Result<Option<Self>> {
+        let Ok(bytes) = crate::files::read_bytes(path) else {
+            return Ok(None);
+        };
+        let Ok(mut archive) = surface_archive(&bytes) else {
+            return Ok(None);
+        };
+        let surface = arrays(&mut archive);
+        surface
+            .map(Some)
+            .map_err(|p| Error::input(path, p.place, p.problem))
+    }
+
     /// Writes a file atomically.
     ///
     /// # Errors
@@ -69,6 +87,11 @@ impl Surface {
 }
 
 fn parse(bytes: &[u8]) -> Checked<Surface> {
+    arrays(&mut surface_archive(bytes)?)
+}
+
+/// An archive whose metadata say that it is a surface.
+fn surface_archive(bytes: &[u8]) -> Checked<Archive<'_>> {
     let mut archive = open(bytes, &ARRAYS)?;
     let meta: Vec<u8> = read_array(&mut archive, "meta", "u8", &[None])?;
     let meta: serde_json::Value =
@@ -77,9 +100,13 @@ fn parse(bytes: &[u8]) -> Checked<Surface> {
         let expected = format!("expected a {KIND} of format_version {FORMAT_VERSION}");
         return Err(Problem::at("meta", expected));
     }
+    Ok(archive)
+}
+
+fn arrays(archive: &mut Archive<'_>) -> Checked<Surface> {
     let shape = [Some(PLACES as u64)];
-    let values: Vec<f32> = read_array(&mut archive, "values", "f32", &shape)?;
-    let views: Vec<f32> = read_array(&mut archive, "views", "f32", &shape)?;
+    let values: Vec<f32> = read_array(archive, "values", "f32", &shape)?;
+    let views: Vec<f32> = read_array(archive, "views", "f32", &shape)?;
     // Not `>`: it would let a NaN pass.
     let is_value = |v: &f32| v.abs() <= FARTHEST;
     if !values.iter().all(is_value) {
