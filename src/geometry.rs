@@ -20,9 +20,11 @@
 //! equally well). Those are errors.
 
 mod camera_frame;
+mod position;
 mod quaternion;
 
 pub use camera_frame::CameraFrame;
+pub use position::Position;
 pub use quaternion::{from_wxyz, to_wxyz};
 
 use nalgebra::{Matrix3, Matrix4, Quaternion, UnitQuaternion, Vector3};

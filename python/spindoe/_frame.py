@@ -319,6 +319,30 @@ class FrameEstimate:
     """The orientation, or why there is none."""
     seconds: tuple[float, float, float]
     """Time of finding the ball, detecting the dots, and identifying them."""
+    position_m: Floats | None = None
+    """The ball's center, m, in the camera's frame (x right, y up, z towards the camera); shape (3,). Also where the orientation is
+    rejected: then by the outline alone, which may be of another round thing. None without intrinsics or an outline."""
+    position_covariance_m2: Floats | None = None
+    """Its covariance, m^2, in the same frame; shape (3, 3). What all frames share is not in it: a ball that is larger than stated by
+    a part of its diameter, or a focal length that is, moves the center by that part of its distance."""
+    position_rotation_covariance_m_rad: Floats | None = None
+    """Covariance of the center (rows) with the small rotation vector of `Pose.covariance` (columns), m rad; shape (3, 3). None where
+    there is no orientation."""
+
+    def joint_covariance(self, frame: Axes = "camera") -> Floats:
+        """The covariance of center and orientation together, shape (6, 6): x, y, z of the center in m, then of the small rotation
+        vector in rad; as ROS has it in ``PoseWithCovariance`` for the axes ``"optical"``.
+
+        Raises:
+            ValueError: Where the frame has no orientation or no position.
+        """
+        both = self.position_rotation_covariance_m_rad
+        if not self.pose or self.position_covariance_m2 is None or both is None:
+            raise ValueError("frame: expected one with an orientation and a position")
+        joint = np.block([[self.position_covariance_m2, both], [both.T, self.pose.as_frame("camera").covariance]])
+        signs = np.tile([1.0, -1.0, -1.0] if frame == "optical" else [1.0, 1.0, 1.0], 2)
+        found: Floats = joint * np.outer(signs, signs)
+        return found
 
     @property
     def matched(self) -> int:
@@ -386,6 +410,6 @@ class FrameEstimate:
 
 def frame_of(found: Any) -> FrameEstimate:
     """The native part's answer."""
-    circle, dots, covariances, assignment, pose, seconds = found
+    circle, dots, covariances, assignment, pose, seconds, position = found
     answer = Rejection(pose) if isinstance(pose, str) else Pose(*pose)
-    return FrameEstimate(circle, dots, covariances, assignment, answer, seconds)
+    return FrameEstimate(circle, dots, covariances, assignment, answer, seconds, *(position or ()))

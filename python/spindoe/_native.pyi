@@ -20,6 +20,7 @@ _Frame = tuple[
     _Ints,
     _Pose | str,
     tuple[float, float, float],
+    tuple[_Floats, _Floats, _Floats | None] | None,
 ]
 _Curve = tuple[_Floats, _Floats, _Floats, _Floats, float]
 _Spin = tuple[

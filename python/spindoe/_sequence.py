@@ -51,6 +51,11 @@ class SequenceEstimate:
     """Times of the frames, seconds, shape (frames,); None where there were none."""
 
     @property
+    def positions_m(self) -> Floats:
+        """The ball's center in each frame, m, in the camera's frame, NaN where it is not known; shape (frames, 3)."""
+        return _column((3,), [frame.position_m for frame in self.frames])
+
+    @property
     def confidences(self) -> Floats:
         """Probability of each orientation, 0 where there is none; shape (frames,)."""
         return np.array([f.pose.confidence if f.pose else 0.0 for f in self.frames])
@@ -106,7 +111,8 @@ class SequenceEstimate:
         """A row a frame, with the columns of ``spindoe estimate``'s CSV, but for ``residual_rad``, and the outline, whether
         a hint decided, and the reason of a rejection. Needs pandas.
 
-        Orientations and covariances are in the frame that ``camera_frame`` names; outlines are pixels.
+        Orientations, centers and covariances are in the frame that ``camera_frame`` names; outlines are pixels. ``attrs`` has that
+        frame as ``frame``, and as ``units`` the unit of each column that has one.
         """
         library = optional("pandas", "pandas")
         count = len(self.frames)
@@ -123,6 +129,11 @@ class SequenceEstimate:
         }
         for i, j in zip(*np.triu_indices(3), strict=True):
             columns[f"cov_{'xyz'[i]}{'xyz'[j]}"] = self.covariances_rad2[:, i, j]
+        if self.frame in ("camera", "optical"):
+            columns |= {f"{axis}_m": self.positions_m[:, k] for k, axis in enumerate("xyz")}
+            blocks = _column((3, 3), [f.position_covariance_m2 for f in self.frames])
+            for i, j in zip(*np.triu_indices(3), strict=True):
+                columns[f"cov_m2_{'xyz'[i]}{'xyz'[j]}"] = blocks[:, i, j]
         if self.view_turns_rad is not None:
             names = ("turn_x", "turn_y", "turn_sd_x", "turn_sd_y")
             columns |= {name: self.view_turns_rad[:, k] for k, name in enumerate(names)}
@@ -130,6 +141,7 @@ class SequenceEstimate:
         columns["hinted"] = [bool(f.pose and f.pose.hinted) for f in self.frames]
         columns["reason"] = ["" if f.pose else f.pose.reason for f in self.frames]
         table: pandas.DataFrame = library.DataFrame(columns, index=library.RangeIndex(count, name="frame"))
+        table.attrs = {"frame": self.frame, "units": {name: unit for name in columns if (unit := _unit(name))}}
         return table
 
     def plot(self, ax: matplotlib.axes.Axes | None = None, **style: Any) -> matplotlib.axes.Axes:
@@ -146,22 +158,37 @@ class SequenceEstimate:
         return f"<SequenceEstimate: {posed} of {len(self.frames)} frames, {self.spin!r}>"
 
 
+def _column(shape: tuple[int, ...], rows: list[Any]) -> Floats:
+    """A row a frame, NaN where there is none."""
+    blank = np.full(shape, np.nan)
+    filled = [blank if row is None else row for row in rows]
+    return np.array(filled, np.float64).reshape(len(rows), *shape)
+
+
+def _unit(column: str) -> str | None:
+    """The unit of a column of `SequenceEstimate.to_dataframe`, by its name."""
+    if column.startswith("cov_m2_"):
+        return "m^2"
+    if column.startswith("cov_"):
+        return "rad^2"
+    if column.startswith("turn_"):
+        return "rad"
+    ends = {"_s": "s", "_rad": "rad", "_m": "m", "_px": "px"}
+    return next((unit for end, unit in ends.items() if column.endswith(end)), None)
+
+
 # The arrays of a free motion over time, and what each has for a time.
 _CURVE_SHAPES = {"times_s": (), "spins_rad_s": (3,), "covariances": (3, 3), "quaternions_wxyz": (4,)}
-# Numbers of a pose and of a spin that are single, by their fields' names.
+# The fields of a frame that say where the ball is. Numbers of a pose and of a spin that are single, by their fields' names.
+_PLACES = {"position_m": (3,), "position_covariance_m2": (3, 3), "position_rotation_covariance_m_rad": (3, 3)}
 _POSE_NUMBERS = ("dots_confidence", "confidence", "residual_rad", "residual_px", "hinted")
 _SPIN_SCALARS = ("time_s", "sigma_rad", "log_likelihood", "inliers", "frame", "model", "decay_per_s", "lack_of_fit")
 
 
 def _arrays(found: SequenceEstimate) -> dict[str, NDArray[Any]]:
     """A file's arrays."""
-    frames, count = found.frames, len(found.frames)
+    frames = found.frames
     poses = [frame.pose or None for frame in frames]
-    none = (np.nan,) * 3
-
-    def column(shape: tuple[int, ...], rows: list[Any]) -> Floats:
-        blank = np.full(shape, np.nan)
-        return np.array([blank if row is None else row for row in rows], np.float64).reshape(count, *shape)
 
     def stack(shape: tuple[int, ...], rows: list[Any], dtype: type = np.float64) -> NDArray[Any]:
         return np.concatenate([np.zeros((0, *shape), dtype), *rows])
@@ -172,17 +199,18 @@ def _arrays(found: SequenceEstimate) -> dict[str, NDArray[Any]]:
         "quaternions_wxyz": found.quaternions_wxyz,
         "covariances_rad2": found.covariances_rad2,
         "view_turns_rad": found.view_turns_rad,
-        "circles": column((3,), [frame.circle or none for frame in frames]),
-        "seconds": column((3,), [frame.seconds for frame in frames]),
+        "circles": _column((3,), [frame.circle for frame in frames]),
+        "seconds": _column((3,), [frame.seconds for frame in frames]),
+        **{name: _column(shape, [getattr(frame, name) for frame in frames]) for name, shape in _PLACES.items()},
         "dot_offsets": np.cumsum([0, *(len(frame.dots) for frame in frames)]),
         "dots": stack((3,), [frame.dots for frame in frames]),
         "dot_covariances_px2": stack((2, 2), [frame.dot_covariances for frame in frames]),
         "assignment": stack((), [frame.assignment for frame in frames], np.int64),
-        "pose_quaternions_wxyz": column((4,), [pose and pose.quaternion_wxyz for pose in poses]),
-        "pose_covariances_rad2": column((3, 3), [pose and pose.covariance for pose in poses]),
-        "pose_distances": column((2,), [pose and pose.distance for pose in poses]),
+        "pose_quaternions_wxyz": _column((4,), [pose and pose.quaternion_wxyz for pose in poses]),
+        "pose_covariances_rad2": _column((3, 3), [pose and pose.covariance for pose in poses]),
+        "pose_distances": _column((2,), [pose and pose.distance for pose in poses]),
         **{
-            f"pose_{name}": column((), [pose and getattr(pose, name) for pose in poses])
+            f"pose_{name}": _column((), [pose and getattr(pose, name) for pose in poses])
             for name in _POSE_NUMBERS
         },
     }
@@ -244,6 +272,11 @@ def _sequence(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Se
     covariances = get("pose_covariances_rad2", count, 3, 3)
     distances = get("pose_distances", count, 2)
     singles = {name: get(f"pose_{name}", count) for name in _POSE_NUMBERS}
+    # Earlier files have none.
+    places = [optional(name, count, *shape) for name, shape in _PLACES.items()]
+
+    def place(i: int) -> list[Floats | None]:
+        return [None if rows is None or np.isnan(rows[i]).all() else rows[i] for rows in places]
 
     def pose(i: int) -> Pose | Rejection:
         if meta["reasons"][i] is not None:
@@ -256,7 +289,8 @@ def _sequence(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Se
 
     frames = [
         FrameEstimate(
-            numbers(circles[i]), dots[a:b], dot_covariances[a:b], assignment[a:b], pose(i), tuple(seconds[i].tolist())
+            numbers(circles[i]), dots[a:b], dot_covariances[a:b], assignment[a:b], pose(i), tuple(seconds[i].tolist()),
+            *place(i),
         )
         for i, (a, b) in enumerate(zip(offsets, offsets[1:], strict=False))
     ]

@@ -60,6 +60,8 @@ class EstimatorSettings(TypedDict, total=False):
     """Minimum probability of a pose that is accepted; ``MIN_CONFIDENCE_IMAGES``."""
     placement_sigma_rad: float
     """Standard deviation of a drawn dot's place from the pattern's, along one tangent axis, radians; 1.2 degrees."""
+    ball_radius_m: float | None
+    """Radius of the ball, m: with the camera's intrinsics it says where the ball is; by default that of the table, else 0.02."""
     max_blur: float
     """Width of the outline's edge, in radii, from which on a rejection is put down to blur; 0.6."""
     outline: Literal["net", "edges"]

@@ -41,8 +41,6 @@ MOSAICS: dict[str, tuple[str, str]] = {
 }
 # Variance of what is not measured: m^2, (m/s)^2.
 UNKNOWN = 1e6
-# Standard deviation of an outline's center and radius over its radius: most are within it (docs/measurements/detector.md).
-OUTLINE = 0.01
 # What a view frame's name adds to that of the camera's frame.
 VIEW = "_view"
 
@@ -74,8 +72,10 @@ class Answer:
     """In the axes of the settings."""
     spin: spindoe.Spin | spindoe.Rejection
     position_m: NDArray[np.float64] | None
-    """Ball's center; None without intrinsics, or without a ball."""
-    position_covariance: NDArray[np.float64] | None
+    """Ball's center, m, in the axes of the settings, also where the orientation is rejected; None without intrinsics, or without
+    an outline."""
+    axes: Literal["optical", "camera"]
+    """Those of the settings."""
     frame: spindoe.FrameEstimate
     """All that was seen."""
     image: NDArray[Any]
@@ -98,9 +98,9 @@ class Answer:
 
     def pose_covariance(self) -> NDArray[np.float64]:
         """Row-major 6 x 6 of ``PoseWithCovariance``: position first; about fixed axes."""
+        if self.pose and self.position_m is not None:
+            return self.frame.joint_covariance(self.axes).ravel()
         covariance = np.diag([UNKNOWN] * 6)
-        if self.position_covariance is not None:
-            covariance[:3, :3] = self.position_covariance
         if self.pose:
             covariance[3:, 3:] = self.pose.covariance
         return covariance.ravel()
@@ -255,7 +255,9 @@ class SpinCore:
         """A new beginning with this camera."""
         settings = self.settings
         self.camera = camera
-        estimator = spindoe.Estimator(self._table, camera=camera, min_confidence=settings.min_confidence)
+        estimator = spindoe.Estimator(
+            self._table, camera=camera, min_confidence=settings.min_confidence, ball_radius_m=settings.ball_radius_m
+        )
         self.tracker = estimator.tracker(
             window=settings.window, memory_s=settings.memory_s, max_rps=settings.max_rps
         )
@@ -286,23 +288,7 @@ class SpinCore:
         pose, spin, axes = state.frame.pose, state.spin, self.settings.frame
         pose = pose.as_frame(axes) if pose else pose
         spin = spin.as_frame(axes) if spin else spin
-        position, covariance = self._position(state.frame.circle, pose)
-        return Answer(pose, spin, position, covariance, state.frame, image, color)
-
-    def _position(
-        self, circle: tuple[float, float, float] | None, pose: spindoe.Pose | spindoe.Rejection
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | tuple[None, None]:
-        """The ball's center by its size in the image, and its covariance by that of a pixel."""
-        if circle is None or not self.camera.has_intrinsics or not pose:
-            return None, None
-
-        def center(u: float, v: float, radius: float) -> NDArray[np.float64]:
-            view = self.camera.view((u, v, radius))
-            away = -view.as_rotation().apply([0.0, 0.0, 1.0]) * self.settings.ball_radius_m / view.horizon
-            turn = [1.0, -1.0, -1.0] if self.settings.frame == "optical" else [1.0, 1.0, 1.0]
-            return np.asarray(away * turn, dtype=np.float64)
-
-        found = center(*circle)
-        steps = np.eye(3) * (OUTLINE * circle[2])
-        slopes = [0.5 * (center(*(circle + step)) - center(*(circle - step))) for step in steps]
-        return found, np.array(sum(np.outer(slope, slope) for slope in slopes))
+        signs = [1.0, -1.0, -1.0] if axes == "optical" else [1.0, 1.0, 1.0]
+        center = state.frame.position_m
+        position = None if center is None else np.asarray(center * signs, dtype=np.float64)
+        return Answer(pose, spin, position, axes, state.frame, image, color)

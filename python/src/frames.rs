@@ -3,10 +3,10 @@
 use numpy::ndarray::{Array2, Array3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
-use spindoe::geometry::CameraFrame;
+use spindoe::geometry::{CameraFrame, Position};
 use spindoe::vision::{FrameEstimate, Pose};
 
-use crate::arrays::{assignment, quaternion, square};
+use crate::arrays::{assignment, quaternion, square, vector};
 use crate::errors::Answer;
 
 /// Quaternion, covariance, confidences, residuals in radians and pixels, inverse distance with its
@@ -23,8 +23,15 @@ type PoseTuple<'py> = (
     &'static str,
 );
 
+/// The ball's center, its covariance, and that with the orientation's rotation vector where there is one.
+type PositionTuple<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Option<Bound<'py, PyArray2<f64>>>,
+);
+
 /// Circle, dots `u, v, probability`, their covariances, assignment, pose or reason, seconds of the
-/// stages.
+/// stages, the ball's center.
 pub type FrameTuple<'py> = (
     Option<(f64, f64, f64)>,
     Bound<'py, PyArray2<f64>>,
@@ -32,7 +39,16 @@ pub type FrameTuple<'py> = (
     Bound<'py, PyArray1<i64>>,
     Answer<PoseTuple<'py>>,
     (f64, f64, f64),
+    Option<PositionTuple<'py>>,
 );
+
+fn position_tuple<'py>(py: Python<'py>, position: &Position) -> PositionTuple<'py> {
+    (
+        vector(py, &position.center_m),
+        square(py, &position.covariance),
+        position.with_rotation.as_ref().map(|both| square(py, both)),
+    )
+}
 
 fn pose_tuple<'py>(py: Python<'py>, pose: &Pose) -> PoseTuple<'py> {
     (
@@ -71,5 +87,8 @@ pub fn frame_tuple<'py>(py: Python<'py>, frame: &FrameEstimate) -> FrameTuple<'p
             frame.timings.detect.as_secs_f64(),
             frame.timings.identify.as_secs_f64(),
         ),
+        frame
+            .position()
+            .map(|position| position_tuple(py, &position)),
     )
 }

@@ -75,8 +75,8 @@ impl BallEstimate {
     /// Takes back a pose, by what all frames say.
     pub(super) fn reject(&mut self, why: FrameRejection) {
         if self.frame.pose().is_some() {
+            self.frame.reject_pose();
             self.frame.outcome = Err(why);
-            self.frame.assignment.fill(None);
         }
     }
 

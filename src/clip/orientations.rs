@@ -58,6 +58,7 @@ pub fn orientations(
             residual_rad: pose.map(|p| p.residual_rad),
             confidence: pose.map(|p| p.confidence),
             covariance: pose.map(|p| turned_covariance(&turned, &p.covariance)),
+            position: estimate.position().map(|p| p.turned(&frame.turn())),
             turn: turn.map(|turn| turn.in_axes(frame)),
             ..OrientationRow::default()
         }

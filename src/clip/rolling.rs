@@ -15,7 +15,7 @@
 //! Spins that differ by whole turns between two frames shear the ball differently: how well the `q_j` fit weighs them
 //! ([`SequenceRows`]). Where the ball turns by so much that no pose is found in the sheared dots, nothing is corrected.
 
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::Vector2;
 
 use super::orientations;
 use super::orientations::NamedFrame;
@@ -30,7 +30,6 @@ use crate::vision::frame::estimate::FrameEstimate;
 use crate::vision::optics::camera::{BallCircle, Pixel};
 use crate::vision::outline::path::{NEIGHBORS, expected_outline};
 use crate::vision::pose::refine::{self, Drawn, Refined};
-use crate::vision::pose::sharpen::OUTLINE_PX;
 
 /// Rounds of [`correct_rows`]: names that the sheared dots lost are back in the second, and the spin that they leave open is settled: of
 /// twelve clips at 60 frames per second that of one more (`bench rolling --clips 12 --seed 1001 --cameras 60:16`).
@@ -155,11 +154,7 @@ impl Estimator {
             }
         }
         // Not the corrected outline, which has the sheared dots' error.
-        let mut outline = frame.outline?;
-        if !outline.is_given() {
-            let variances = OUTLINE_PX.map(|sigma| sigma * sigma);
-            outline.covariance += Matrix3::from_diagonal(&Vec3::from(variances));
-        }
+        let outline = frame.outline?.with_model_error();
         let prior = refine::Prior {
             outline: (outline.circle, outline.covariance),
             camera: self.config.camera,

@@ -18,6 +18,8 @@
 //!   unknown `view` and `optical_view` ([`CameraFrame`]);
 //! - `cov_xx,cov_xy,cov_xz,cov_yy,cov_yz,cov_zz`, rad^2: the covariance of the small rotation vector, in the same frame, that leads
 //!   from the quaternion to the true orientation;
+//! - `x_m,y_m,z_m`, m, of the camera's frame only: the center of the ball, also of rows without a quaternion whose outline was found, and
+//!   `cov_m2_xx,cov_m2_xy,cov_m2_xz,cov_m2_yy,cov_m2_yz,cov_m2_zz`, m^2, its covariance, in the same frame ([`Position`]);
 //! - `turn_x,turn_y,turn_sd_x,turn_sd_y`, rad, of view frames only: all rows are in one view frame, that of the ball in the middle of
 //!   its path; the turn from the row's own, and its deviation, one error that all rows share ([`ViewTurn`]);
 //! - `ball`, of frames with several balls: the number of the ball, one of which is read; `table`, where there were several: that of the
@@ -42,7 +44,7 @@ use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
 use crate::files::csv::{Columns, Field, Table, TableRow, quoted, shown};
-use crate::geometry::{CameraFrame, Rotation, from_wxyz, to_wxyz};
+use crate::geometry::{CameraFrame, Position, Rotation, Vec3, from_wxyz, to_wxyz};
 
 /// Maximum deviation of a quaternion's length from 1 that is normalized instead of rejected: most
 /// writers keep six decimals, some only three.
@@ -58,7 +60,7 @@ const LEAST_OWN: f64 = 0.5;
 const RESIDUAL_PRIOR_DOTS: f64 = 4.0;
 
 /// Number of columns.
-const COUNT: usize = 24;
+const COUNT: usize = 33;
 /// The columns, in the order in which they are written.
 static COLUMNS: Columns<COUNT> = Columns {
     names: [
@@ -79,6 +81,15 @@ static COLUMNS: Columns<COUNT> = Columns {
         "cov_yy",
         "cov_yz",
         "cov_zz",
+        "x_m",
+        "y_m",
+        "z_m",
+        "cov_m2_xx",
+        "cov_m2_xy",
+        "cov_m2_xz",
+        "cov_m2_yy",
+        "cov_m2_yz",
+        "cov_m2_zz",
         "turn_x",
         "turn_y",
         "turn_sd_x",
@@ -90,18 +101,20 @@ static COLUMNS: Columns<COUNT> = Columns {
     // The time and the quaternion.
     required: 1..6,
 };
-/// Those that are always written, those of a camera's frame, and those of a view frame.
-const WRITTEN: [usize; 3] = [10, 17, 21];
-/// The first column of the covariance, and that of the turns.
+/// The frame of the quaternions, from which column on what only files with it have.
+const CAMERA_FRAME: usize = 10;
+/// The first columns of the covariance, of the center and its covariance, and of the turns.
 const COVARIANCE: usize = 11;
-const TURN: usize = 17;
+const CENTER: usize = 17;
+const CENTER_COVARIANCE: usize = 20;
+const TURN: usize = 26;
 /// At most so many names are listed.
 const LISTED: usize = 8;
 /// The name of the frame; the number of the ball, its table and the number of the flash, of files with several balls.
 const FRAME: usize = 0;
-const BALL: usize = 21;
-const TABLE: usize = 22;
-const FLASH: usize = 23;
+const BALL: usize = 30;
+const TABLE: usize = 31;
+const FLASH: usize = 32;
 /// The same where the times come from elsewhere: only the quaternion is needed.
 static UNTIMED: Columns<COUNT> = Columns {
     names: COLUMNS.names,
@@ -128,6 +141,9 @@ pub struct OrientationRow {
     pub confidence: Option<f64>,
     /// Covariance of the rotation vector that leads from the orientation to the true one, in its frame, rad^2.
     pub covariance: Option<Matrix3<f64>>,
+    /// The ball's center in the camera's frame, by the axes of the file, with or without an orientation. The file leaves out its covariance
+    /// with that.
+    pub position: Option<Position>,
     /// How the row's own view frame was turned, about the x and y of its frame.
     pub turn: Option<ViewTurn>,
     /// The number of the ball, of frames with several.
@@ -150,6 +166,7 @@ impl Default for OrientationRow {
             residual_rad: None,
             confidence: None,
             covariance: None,
+            position: None,
             turn: None,
             ball: None,
             table: None,
@@ -489,9 +506,12 @@ impl<R: BufRead> OrientationReader<R> {
             self.ball = ball.or(self.ball);
             let time_s = self.interval_s.map(|interval| interval * self.count as f64);
             let parsed = parse(&row, time_s).map_err(|problem| row.error(problem))?;
-            let named = row.text(10).map(str::parse::<CameraFrame>).transpose();
+            let named = row
+                .text(CAMERA_FRAME)
+                .map(str::parse::<CameraFrame>)
+                .transpose();
             let frame = named.map_err(|_| {
-                let found = shown(row.text(10).unwrap_or_default());
+                let found = shown(row.text(CAMERA_FRAME).unwrap_or_default());
                 row.error(format!(
                     "camera_frame: expected camera, optical, view or optical_view, found \"{found}\""
                 ))
@@ -611,17 +631,13 @@ impl<W: Write> OrientationWriter<W> {
         optional(&mut self.to, row.confidence)?;
         if let Some(frame) = self.camera_frame {
             write!(self.to, ",{frame}")?;
-            for at in UPPER {
-                self.to.write_all(b",")?;
-                optional(&mut self.to, row.covariance.map(|c| c[at]))?;
-            }
+            self.numbers(row.covariance.map(|c| UPPER.map(|at| c[at])))?;
             if frame.is_view() {
                 let turn = row.turn.map(|t| (t.turn_rad, t.deviation_rad));
-                let numbers = turn.map(|(turn, sd)| [turn.x, turn.y, sd.x, sd.y]);
-                for k in 0..4 {
-                    self.to.write_all(b",")?;
-                    optional(&mut self.to, numbers.map(|n| n[k]))?;
-                }
+                self.numbers(turn.map(|(turn, sd)| [turn.x, turn.y, sd.x, sd.y]))?;
+            } else {
+                self.numbers::<3>(row.position.map(|p| p.center_m.into()))?;
+                self.numbers(row.position.map(|p| UPPER.map(|at| p.covariance[at])))?;
             }
         }
         for column in self.columns.written() {
@@ -633,6 +649,15 @@ impl<W: Write> OrientationWriter<W> {
             }
         }
         self.to.write_all(b"\n")
+    }
+
+    /// Numbers that stand together, or as many empty fields.
+    fn numbers<const N: usize>(&mut self, numbers: Option<[f64; N]>) -> std::io::Result<()> {
+        for k in 0..N {
+            self.to.write_all(b",")?;
+            optional(&mut self.to, numbers.map(|n| n[k]))?;
+        }
+        Ok(())
     }
 
     /// Flushes the buffer.
@@ -656,12 +681,13 @@ impl<W: Write> OrientationWriter<W> {
     fn begin(&mut self) -> std::io::Result<()> {
         if !self.begun {
             self.begun = true;
-            let count = match self.camera_frame {
-                None => WRITTEN[0],
-                Some(frame) if !frame.is_view() => WRITTEN[1],
-                Some(_) => WRITTEN[2],
+            let (of_frame, of_place) = match self.camera_frame {
+                None => (0..0, 0..0),
+                Some(frame) if frame.is_view() => (CAMERA_FRAME..CENTER, TURN..BALL),
+                Some(_) => (CAMERA_FRAME..CENTER, CENTER..TURN),
             };
-            let columns = (0..count).chain(self.columns.written());
+            let columns = (0..CAMERA_FRAME).chain(of_frame).chain(of_place);
+            let columns = columns.chain(self.columns.written());
             let names: Vec<&str> = columns.map(|at| COLUMNS.names[at]).collect();
             writeln!(self.to, "{}", names.join(","))?;
         }
@@ -703,7 +729,8 @@ fn parse(row: &TableRow<'_, COUNT>, time_s: Option<f64>) -> Field<OrientationRow
         matched: row.count(7)?,
         residual_rad: residual_deg.map(f64::to_radians),
         confidence,
-        covariance: covariance(row)?,
+        covariance: covariance(row, COVARIANCE, "cov_xx to cov_zz")?,
+        position: position(row)?,
         turn: turn(row)?,
         ball: row.count(BALL)?,
         table: row.text(TABLE).map(str::to_owned),
@@ -714,9 +741,9 @@ fn parse(row: &TableRow<'_, COUNT>, time_s: Option<f64>) -> Field<OrientationRow
 /// The places of a covariance's six numbers.
 const UPPER: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
-/// The covariance of a row, if it has one.
-fn covariance(row: &TableRow<'_, COUNT>) -> Field<Option<Matrix3<f64>>> {
-    let Some(numbers) = all_or_none::<6>(row, COVARIANCE, "cov_xx to cov_zz")? else {
+/// The covariance of a row from a column on, if it has one.
+fn covariance(row: &TableRow<'_, COUNT>, first: usize, names: &str) -> Field<Option<Matrix3<f64>>> {
+    let Some(numbers) = all_or_none::<6>(row, first, names)? else {
         return Ok(None);
     };
     let mut covariance = Matrix3::zeros();
@@ -727,9 +754,26 @@ fn covariance(row: &TableRow<'_, COUNT>) -> Field<Option<Matrix3<f64>>> {
     let least = covariance.symmetric_eigenvalues().min();
     // Rounded numbers may lie a little below.
     if least < -1e-6 * covariance.trace().abs() {
-        return Err("cov_xx to cov_zz: expected a covariance, found one without a root".into());
+        return Err(format!(
+            "{names}: expected a covariance, found one without a root"
+        ));
     }
     Ok(Some(covariance))
+}
+
+/// The ball's center of a row, if it has one.
+fn position(row: &TableRow<'_, COUNT>) -> Field<Option<Position>> {
+    let center = all_or_none::<3>(row, CENTER, "x_m to z_m")?;
+    let names = "cov_m2_xx to cov_m2_zz";
+    match (center, covariance(row, CENTER_COVARIANCE, names)?) {
+        (None, None) => Ok(None),
+        (Some(center), Some(covariance)) => Ok(Some(Position {
+            center_m: Vec3::from(center),
+            covariance,
+            with_rotation: None,
+        })),
+        _ => Err(format!("expected x_m to z_m and {names}, or none of them")),
+    }
 }
 
 /// The turn of a row's view frame, if it has one.

@@ -32,7 +32,11 @@ pub struct Asked {
     pub table: Vec<PathBuf>,
     #[command(flatten)]
     pub source: ImageArguments,
-    /// The axes that orientations and spin are written in: camera, x right, y up, z towards the camera; optical, x right, y down,
+    /// Diameter of the ball, mm: with --intrinsics it says how far the ball is [default: that of the table, else 40; with --preset golf
+    /// 42.67].
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    pub ball_diameter_mm: Option<f64>,
+    /// The axes that orientations, positions and spin are written in: camera, x right, y up, z towards the camera; optical, x right, y down,
     /// z forward. Without --intrinsics the frame is the view frame, whose z points from the ball to the camera.
     #[arg(long, value_parser = one_of(&CameraFrame::AXES, CameraFrame::as_str), default_value_t = CameraFrame::Camera)]
     pub frame: CameraFrame,
@@ -109,6 +113,7 @@ impl Asked {
             camera: self.camera()?,
             outline: self.source.outline,
             min_confidence: self.min_confidence,
+            ball_radius_m: self.ball_radius_m()?,
             measures_blur,
             ..EstimatorConfig::default()
         };
@@ -145,12 +150,24 @@ impl Asked {
             return Err(Error::argument("--min-confidence", problem));
         }
         self.source.check_rate()?;
+        self.ball_radius_m()?;
         let max_rps = self.max_rps();
         if !(max_rps > 0.0 && max_rps.is_finite()) {
             let problem = format!("expected a positive number, found {max_rps}");
             return Err(Error::argument("--max-spin-rps", problem));
         }
         Ok(())
+    }
+
+    /// Radius of the ball where it is stated, m.
+    pub fn ball_radius_m(&self) -> Result<Option<f64>> {
+        let golf = self.is_golf().then_some(golf::BALL_MM);
+        let Some(mm) = self.ball_diameter_mm.or(golf) else {
+            return Ok(None);
+        };
+        let inside = (1.0..=1000.0).contains(&mm);
+        require(inside, "--ball-diameter-mm", "1 to 1000 mm", mm)?;
+        Ok(Some(0.5e-3 * mm))
     }
 
     /// Whether spins are said in golf's words.

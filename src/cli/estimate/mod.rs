@@ -162,6 +162,8 @@ fn calibrate_in_place(
         }
     };
     let ball = calibration.ball(Some(estimator.pattern().sha256()))?;
+    // It is as large as it was designed.
+    let ball = ball.with_design(estimator.ball().design().cloned())?;
     let measures_blur = arguments.exposure_ms.is_some();
     let calibrated = arguments.asked.estimator(&ball, measures_blur)?;
     for (frame, estimate) in batch.frames.iter_mut().zip(calibration.frames) {

@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use super::Arguments;
 use super::written::{FoundSpin, add_orientation, add_spin, clip_json, say_times, spin_words};
+use crate::ball::USUAL_BALL_MM;
 use crate::cli::inputs::{self, Counting};
 use crate::cli::spin_summary;
 use crate::clip::{self, Batch, BatchFrame, SequenceOutcome, SurfaceObserver};
@@ -16,6 +17,8 @@ use crate::vision::outline::circle::CircleConfig;
 use crate::vision::outline::find::OutlineFinder;
 use crate::vision::painted::{PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface};
 
+/// Radius of a ball of which nothing is said, m.
+const USUAL_RADIUS_M: f64 = 0.5e-3 * USUAL_BALL_MM;
 /// Balls below this diameter, pixels, are called small.
 const SMALL_PX: f64 = 50.0;
 
@@ -25,6 +28,7 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&Surface>) -> Result<()
     let asked = &arguments.asked;
     let camera = asked.camera()?;
     let finder = OutlineFinder::new(CircleConfig::default(), asked.source.outline, &camera)?;
+    let finder = finder.with_ball_radius_m(asked.ball_radius_m()?.unwrap_or(USUAL_RADIUS_M));
     let config = arguments.batch()?;
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
@@ -185,6 +189,7 @@ fn orientations(
         // How often a pose is right depends on how far its clip has drifted, which the frame does not know: no confidence.
         orientation: pose.map(|p| turn * p.rotation),
         covariance: pose.map(|p| turned_covariance(&turn, &p.covariance)),
+        position: frame.estimate().position().map(|p| p.turned(&turn)),
         ..OrientationRow::default()
     };
     Orientations {

@@ -47,12 +47,20 @@ pub(super) fn circle_json(circle: &BallCircle) -> Value {
     json!({ "u": circle.center.u, "v": circle.center.v, "radius": circle.radius })
 }
 
-/// Adds a row's orientation, where it has one.
+/// Adds a row's orientation and the ball's center, where it has them.
 pub(super) fn add_orientation(row: &OrientationRow, axes: CameraFrame, json: &mut Value) {
     if let Some(orientation) = &row.orientation {
         json["orientation_wxyz"] = json!(to_wxyz(orientation));
         json["camera_frame"] = json!(axes);
         json["covariance_rad2"] = json!(row.covariance.as_ref().map(rows));
+    }
+    if let Some(position) = &row.position {
+        json["position_m"] = json!(<[f64; 3]>::from(position.center_m));
+        json["position_covariance_m2"] = json!(rows(&position.covariance));
+        json["camera_frame"] = json!(axes);
+    }
+    if let Some(both) = row.position.as_ref().and_then(|p| p.with_rotation) {
+        json["position_rotation_covariance_m_rad"] = json!(rows(&both));
     }
     if let Some(turn) = &row.turn {
         json["view_turn_rad"] = json!([turn.turn_rad.x, turn.turn_rad.y]);

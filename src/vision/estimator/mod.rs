@@ -86,6 +86,7 @@ pub struct Estimator {
     pub(crate) outline_net: Option<OutlineNet>,
     /// Variance per tangent axis of the drawn dots' places that every observed dot is given, rad^2.
     pub(crate) placement_variance: f64,
+    pub(crate) ball_radius_m: f64,
     pub(crate) config: EstimatorConfig,
 }
 
@@ -185,15 +186,18 @@ impl Estimator {
             view,
             ..config.recognizer
         };
+        let ball_mm = ball.sizes_mm(None, None)[0];
+        let ball_radius_m = config.ball_radius_m.unwrap_or(0.5e-3 * ball_mm);
+        let refiner = Refiner::new(&config, ball_radius_m);
         let (refiner, placement_variance) = match (ball.dot_covariances(), ball.placement()) {
             (Some(covariances), Some(placement)) => {
                 let measured = measured_dots(ball.pattern().dots(), covariances);
                 (
-                    Refiner::new(&config).with_placement(Placement::Measured(measured)),
+                    refiner.with_placement(Placement::Measured(measured)),
                     placement.common_rad2 + MEASURED_DOT.powi(2),
                 )
             }
-            _ => (Refiner::new(&config), config.placement_sigma_rad.powi(2)),
+            _ => (refiner, config.placement_sigma_rad.powi(2)),
         };
         Ok(Self {
             ball: ball.clone(),
@@ -206,6 +210,7 @@ impl Estimator {
             dense: OnceLock::new(),
             outline_net,
             placement_variance,
+            ball_radius_m,
             config,
         })
     }
@@ -216,12 +221,22 @@ impl Estimator {
     /// [`Error::Argument`](crate::Error::Argument) for a setting outside its domain.
     pub fn for_pattern(&self, pattern: &Pattern) -> Result<Self> {
         let (detector, net) = (self.detector.clone(), self.outline_net.clone());
-        Self::with_net(&Ball::new(pattern.clone()), self.config, detector, net)
+        // A pattern alone does not say how large its ball is.
+        let config = EstimatorConfig {
+            ball_radius_m: Some(self.ball_radius_m),
+            ..self.config
+        };
+        Self::with_net(&Ball::new(pattern.clone()), config, detector, net)
     }
 
     /// The settings in use.
     pub fn config(&self) -> &EstimatorConfig {
         &self.config
+    }
+
+    /// Radius of the ball, m: as it is set, or else that of the table.
+    pub fn ball_radius_m(&self) -> f64 {
+        self.ball_radius_m
     }
 
     /// The ball to find.

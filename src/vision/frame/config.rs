@@ -160,6 +160,9 @@ pub struct EstimatorConfig {
     pub trust: TrustMap,
     /// Minimum probability of a pose that is accepted.
     pub min_confidence: f64,
+    /// Radius of the ball, m: with the camera's intrinsics it says where the ball is. By default that of the ball's table.
+    #[serde(default)]
+    pub ball_radius_m: Option<f64>,
     /// Width of the outline's edge, in radii, from which on a refusal is put down to blur.
     pub max_blur: f64,
     /// Whether it is measured how the named dots are blurred: [`FrameEstimate::blurs`](super::estimate::FrameEstimate::blurs).
@@ -194,6 +197,7 @@ impl Default for EstimatorConfig {
             doubtful_false_dots: 1.5,
             trust: TrustMap::default(),
             min_confidence: MIN_CONFIDENCE_IMAGES,
+            ball_radius_m: None,
             max_blur: 0.6,
             measures_blur: false,
         }
@@ -235,6 +239,10 @@ impl EstimatorConfig {
         }
         if !is_probability(self.min_confidence) {
             return fail("min_confidence", "a probability");
+        }
+        if let Some(radius_m) = self.ball_radius_m {
+            let inside = (0.5e-3..=0.5).contains(&radius_m);
+            require(inside, "ball_radius_m", "0.0005 to 0.5 m", radius_m)?;
         }
         if !(self.doubtful_false_dots >= 0.0 && self.doubtful_false_dots.is_finite()) {
             return fail("doubtful_false_dots", "a number of dots");

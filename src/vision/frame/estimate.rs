@@ -6,7 +6,7 @@ use nalgebra::Matrix3;
 
 use super::config::CameraDistance;
 use super::outline::Outline;
-use crate::geometry::Rotation;
+use crate::geometry::{Position, Rotation};
 use crate::recognize::RecognizerRejection;
 use crate::vision::dots::detector::DotDetection;
 use crate::vision::dots::smear::DotBlur;
@@ -39,6 +39,8 @@ pub struct Pose {
     pub residual_px: f64,
     /// How far the camera is, where the orientation is in the view frame: as estimated, or as given with the deviation 0.
     pub distance: Option<CameraDistance>,
+    /// The ball's center, fitted with the orientation, in the camera's frame; `None` where the intrinsics are not known.
+    pub position: Option<Position>,
     /// Whether an expected orientation decided: the dots alone gave none, or another.
     pub hinted: bool,
 }
@@ -126,6 +128,8 @@ pub struct FrameEstimate {
     /// What known intrinsics say of the outline, and by how much it is drawn out beyond that; `None` where they are not known or its
     /// rim is not clear.
     pub oval: Option<(BallCircle, Oval)>,
+    /// The ball's center by its outline alone: see [`FrameEstimate::position`].
+    pub(crate) outline_position: Option<Position>,
     /// All detections, the likeliest first.
     pub dots: Vec<DotDetection>,
     /// For each detection the pattern's dot that it is; `None` for a false one, or one that was left out.
@@ -183,6 +187,7 @@ impl FrameEstimate {
         circle: None,
         fit: None,
         oval: None,
+        outline_position: None,
         dots: Vec::new(),
         assignment: Vec::new(),
         outcome: Err(FrameRejection::NotProcessed),
@@ -227,6 +232,15 @@ impl FrameEstimate {
     /// The orientation, if accepted.
     pub fn pose(&self) -> Option<&Pose> {
         self.outcome.as_ref().ok()
+    }
+
+    /// The ball's center in the camera's frame: fitted with the orientation, else by the outline alone. `None` where the intrinsics are
+    /// not known or no outline was found. What is round but no ball has one too.
+    pub fn position(&self) -> Option<Position> {
+        match self.pose() {
+            Some(pose) => pose.position,
+            None => self.outline_position,
+        }
     }
 
     /// What was found in the pixels of a part, in those of the image.
@@ -287,6 +301,7 @@ impl FrameEstimate {
     /// Nothing is known; there is memory for what will be.
     pub(crate) fn clear(&mut self) {
         (self.outline, self.circle, self.fit, self.oval) = (None, None, None, None);
+        self.outline_position = None;
         self.dots.clear();
         self.dots.reserve(EXPECTED_DOTS);
         self.assignment.clear();

@@ -4,6 +4,7 @@
 pub(crate) mod config;
 pub(crate) mod estimate;
 pub(crate) mod outline;
+pub(crate) mod position;
 pub(crate) mod prior;
 
 pub use config::{CameraDistance, CameraModel, EstimatorConfig, OutlineMethod};

@@ -186,6 +186,18 @@ impl BallView {
         }
     }
 
+    /// The ball's center, camera frame, ball radii; `None` where the camera's intrinsics are not known.
+    pub fn center(&self) -> Option<Vec3> {
+        match self.projection {
+            Projection::Central { .. } => None,
+            Projection::Perspective {
+                to_camera,
+                distance,
+                ..
+            } => Some(to_camera * Vec3::z() * -distance),
+        }
+    }
+
     /// Minimum z, in the view frame, that is visible: 0, or under perspective the ball's radius
     /// over its distance.
     pub fn horizon(&self) -> f64 {

@@ -13,23 +13,24 @@
 //! and lies behind it, or hides it, can be more complete; the frames of a clip decide that ([`clip`](crate::clip)).
 
 use crate::error::Result;
+use crate::geometry::Position;
 use crate::image::{ImageView, Roi};
 use crate::vision::dots::cap::CapShape;
 use crate::vision::frame::config::{CameraModel, OutlineMethod};
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
 use crate::vision::frame::outline::Outline;
+use crate::vision::frame::position;
 use crate::vision::frame::prior::Prior;
 use crate::vision::optics::ball_pixels::BallPixels;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera};
 use crate::vision::optics::crop::{Crop, Images};
 use crate::vision::optics::intrinsics::Intrinsics;
-use crate::vision::optics::oval::Oval;
 use crate::vision::outline::circle::{BallFinder, BallFit, CircleConfig, NoBall};
 use crate::vision::outline::locate::{Candidate, Locator};
 use crate::vision::outline::net::OutlineNet;
 use crate::vision::outline::place::Place;
 use crate::vision::outline::recenter::Recentering;
-use crate::vision::outline::rim::RimFitter;
+use crate::vision::outline::rim::{RimFit, RimFitter};
 
 /// Circles are looked for in an image that is halved until its longer side has no more pixels than this.
 const SIDE: usize = 320;
@@ -51,6 +52,7 @@ pub struct OutlineFinder {
     circle: CircleConfig,
     net: Option<OutlineNet>,
     intrinsics: Option<Intrinsics>,
+    ball_radius_m: Option<f64>,
 }
 
 /// Working memory of an [`OutlineFinder`], one a thread.
@@ -80,7 +82,17 @@ impl OutlineFinder {
                 CameraModel::Known(Camera::Perspective(intrinsics)) => Some(*intrinsics),
                 _ => None,
             },
+            ball_radius_m: None,
         })
+    }
+
+    /// The same for balls of this radius, m: where the intrinsics are known, frames say where the ball is.
+    #[must_use]
+    pub fn with_ball_radius_m(self, radius_m: f64) -> Self {
+        Self {
+            ball_radius_m: Some(radius_m),
+            ..self
+        }
     }
 
     /// The camera's intrinsics, where they are known.
@@ -233,19 +245,36 @@ impl OutlineFinder {
         }
         there.circle = there.outline.map(|o: Outline| o.circle);
         there.place(&crop.grid);
-        there.oval = self.oval(crop, there, &mut ws.rim);
+        let rim = self.rim(crop, there, &mut ws.rim);
+        there.oval = rim.and_then(|(circle, rim)| Some((circle, rim.oval?)));
+        there.outline_position = self.position(there, rim);
         Ok(worth)
     }
 }
 
 impl OutlineFinder {
-    /// By how much the rim of an outline is drawn out beyond what known intrinsics say, where it was found by its edges.
-    fn oval(
+    /// The ball's center by its rim, or where that is not clear by the outline.
+    fn position(
+        &self,
+        there: &FrameEstimate,
+        rim: Option<(BallCircle, RimFit)>,
+    ) -> Option<Position> {
+        let (camera, outline) = (Camera::Perspective(self.intrinsics?), there.outline?);
+        let seen = match rim {
+            Some((circle, rim)) => rim.correct(&circle, &outline),
+            None => outline.with_model_error(),
+        };
+        let view = BallView::new(&camera, seen.circle).ok()?;
+        position::of_outline(&view, &seen.covariance, self.ball_radius_m?)
+    }
+
+    /// The rim of an outline that was found by its edges, by known intrinsics, and the circle about which it was fitted.
+    fn rim(
         &self,
         crop: &Crop<'_>,
         there: &FrameEstimate,
         rim: &mut RimFitter,
-    ) -> Option<(BallCircle, Oval)> {
+    ) -> Option<(BallCircle, RimFit)> {
         let (circle, fit) = (there.circle?, there.fit?);
         let view = BallView::new(&Camera::Perspective(self.intrinsics?), circle).ok()?;
         let pixels = BallPixels {
@@ -253,8 +282,8 @@ impl OutlineFinder {
             grid: crop.grid,
             view: &view,
         };
-        let found = rim.fit(&pixels, &CapShape::of_edge(fit.edge_width, crop.grid.side))?;
-        Some((circle, found.oval?))
+        let shape = CapShape::of_edge(fit.edge_width, crop.grid.side);
+        Some((circle, rim.fit_in_doubt(&pixels, &shape)?))
     }
 }
 

@@ -12,6 +12,10 @@
 //! at the rim, a shadow or a hand counts little. Apart from that they are fitted once more with an [oval](Oval): what `cos 2a` and
 //! `sin 2a` of the direction `a` add to the radius.
 //!
+//! The tone curve `light = (1 - q) I + q I^2` is what the dots say of it, if any. A wrong one moves every edge the same way, by up to
+//! 0.8 `s`, and with it the radius. [`RimFitter::fit_in_doubt`] therefore fits with a line, sRGB's curve and one between, and
+//! weighs them by what is known of `q` and by how well the edges' own shape fits: the error of `q` becomes one of the outline.
+//!
 //! Not promised: an outline where the ball is not within a pixel or two of where it was found; then there is none.
 
 use std::f64::consts::TAU;
@@ -21,9 +25,10 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
 use crate::geometry::Vec3;
 use crate::stats::normal_cdf_and_density;
-use crate::vision::dots::cap::CapShape;
+use crate::vision::dots::cap::{CapShape, Tone};
+use crate::vision::frame::outline::Outline;
 use crate::vision::optics::ball_pixels::BallPixels;
-use crate::vision::optics::camera::{BallView, Pixel};
+use crate::vision::optics::camera::{BallCircle, BallView, Pixel};
 use crate::vision::optics::oval::Oval;
 use crate::vision::optics::sums::Sums;
 
@@ -56,6 +61,15 @@ const MIN_OVAL_SECTORS: usize = 16;
 /// Standard deviations of what the model leaves out, pixels: of center and radius.
 const MODEL_ERROR: [f64; 3] = [0.03, 0.03, 0.08];
 
+/// The least variance of a sector's values.
+const LEAST_VARIANCE: f64 = 1e-8;
+/// The bends of the tone curve that are tried.
+const BENDS: [f64; 3] = [0.0, 0.5, 1.0];
+/// The least deviation of the bend: curves of cameras are not quite of this family.
+const MIN_BEND_ERROR: f64 = 0.1;
+/// Pixels count as so many: neighbors share blur, and what is behind the ball is not even.
+const INDEPENDENT: f64 = 0.25;
+
 /// Background, step, shading, place and blur.
 const UNKNOWNS: usize = 5;
 
@@ -65,6 +79,8 @@ struct RimPixel {
     sector: usize,
     /// Pixels within the outline.
     within: f64,
+    value: f64,
+    /// By the tone curve in hand.
     light: f64,
     weight: f64,
 }
@@ -103,20 +119,95 @@ pub(crate) struct RimFit {
     pub oval: Option<Oval>,
 }
 
+impl RimFit {
+    /// An outline as the rim has it that was fitted about `circle`.
+    pub fn correct(&self, circle: &BallCircle, outline: &Outline) -> Outline {
+        Outline {
+            circle: BallCircle {
+                center: Pixel {
+                    u: circle.center.u + self.change.x,
+                    v: circle.center.v + self.change.y,
+                },
+                radius: circle.radius + self.change.z,
+                ..outline.circle
+            },
+            covariance: self.covariance,
+            ..*outline
+        }
+    }
+}
+
 impl RimFitter {
     /// Fits the rim about the outline of a view, by blur and tone curve of the ball's dots.
     pub fn fit(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
+        let sectors = self.read_sectors(pixels, shape)?;
+        self.fit_at(&sectors, shape.blur, shape.tone.bend).0
+    }
+
+    /// The same by what is known of the tone curve and what the rim itself says of it, in three times the time.
+    pub fn fit_in_doubt(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
+        let sectors = self.read_sectors(pixels, shape)?;
+        let mut costs = [0.0; BENDS.len()];
+        let mut fits = [None; BENDS.len()];
+        for ((bend, cost), fit) in BENDS.into_iter().zip(&mut costs).zip(&mut fits) {
+            (*fit, *cost) = self.fit_at(&sectors, shape.blur, bend);
+        }
+        let [Some(line), Some(middle), Some(root)] = fits else {
+            return self.fit_at(&sectors, shape.blur, shape.tone.bend).0;
+        };
+        let (bend, variance) = bend(&costs, &shape.tone);
+        // The parabola through the three.
+        let by = [
+            middle.change * 4.0 - line.change * 3.0 - root.change,
+            (line.change - middle.change * 2.0 + root.change) * 2.0,
+        ];
+        let slope = by[0] + by[1] * (2.0 * bend);
+        let nearest = [line, middle, root][(2.0 * bend).round() as usize];
+        Some(RimFit {
+            change: line.change + (by[0] + by[1] * bend) * bend,
+            covariance: nearest.covariance + slope * slope.transpose() * variance,
+            oval: nearest.oval,
+        })
+    }
+
+    fn read_sectors(
+        &mut self,
+        pixels: &BallPixels<'_>,
+        shape: &CapShape,
+    ) -> Option<[Sector; SECTORS]> {
         let mut sectors = [Sector::default(); SECTORS];
         for (k, sector) in sectors.iter_mut().enumerate() {
             *sector = sector_at(pixels.view, TAU * (k as f64 + 0.5) / SECTORS as f64)?;
         }
         self.read(pixels, &sectors, shape);
         self.pixels.sort_unstable_by_key(|p| p.sector);
-        let mut places: [Place; SECTORS] = [None; SECTORS];
-        for part in self.pixels.chunk_by(|a, b| a.sector == b.sector) {
-            places[part[0].sector] = place(part, shape.blur);
+        Some(sectors)
+    }
+
+    /// Fits the pixels read, whose tone curve has this bend; also minus two log-likelihoods of the pixels of all sectors, each with a
+    /// noise of its own.
+    fn fit_at(
+        &mut self,
+        sectors: &[Sector; SECTORS],
+        blur: f64,
+        bend: f64,
+    ) -> (Option<RimFit>, f64) {
+        let tone = Tone {
+            bend,
+            variance: 0.0,
+        };
+        for pixel in &mut self.pixels {
+            let (light, slope) = tone.light_and_slope(pixel.value);
+            (pixel.light, pixel.weight) = (light, (slope + 0.1).powi(-2));
         }
-        outline(&sectors, &places)
+        let mut places: [Place; SECTORS] = [None; SECTORS];
+        let mut cost = 0.0;
+        for part in self.pixels.chunk_by(|a, b| a.sector == b.sector) {
+            let (found, squares) = place(part, blur);
+            places[part[0].sector] = found;
+            cost += part.len() as f64 * (squares / part.len() as f64).max(LEAST_VARIANCE).ln();
+        }
+        (outline(sectors, &places), cost)
     }
 
     fn read(&mut self, pixels: &BallPixels<'_>, sectors: &[Sector; SECTORS], shape: &CapShape) {
@@ -151,13 +242,12 @@ impl RimFitter {
                 let sector = ((turn * SECTORS as f64) as usize).min(SECTORS - 1);
                 let within = (1.0 - aside.norm()) / sectors[sector].scale;
                 if (-outer..=inner).contains(&within) {
-                    let value = f64::from(row[u]);
-                    let (light, slope) = shape.tone.light_and_slope(value);
                     self.pixels.push(RimPixel {
                         sector,
                         within,
-                        light,
-                        weight: (slope + 0.1).powi(-2),
+                        value: f64::from(row[u]),
+                        light: 0.0,
+                        weight: 0.0,
                     });
                 }
             }
@@ -217,8 +307,31 @@ impl Profile {
     }
 }
 
-/// Where the rim is in a sector.
-fn place(pixels: &[RimPixel], blur: f64) -> Place {
+/// The bend of the tone curve and its variance, by the costs of [`BENDS`] and what is known of it.
+fn bend([line, middle, root]: &[f64; 3], known: &Tone) -> (f64, f64) {
+    let least = MIN_BEND_ERROR * MIN_BEND_ERROR;
+    let weight = known.variance.max(least).recip();
+    // cost = a q^2 + b q + c.
+    let a = INDEPENDENT * 2.0 * (line - 2.0 * middle + root);
+    let b = INDEPENDENT * (4.0 * middle - 3.0 * line - root);
+    let cost = |q: f64| (a * q + b) * q + weight * (q - known.bend).powi(2);
+    let curvature = a + weight;
+    if curvature > 0.0 {
+        let best = (weight * known.bend - 0.5 * b) / curvature;
+        return (best.clamp(0.0, 1.0), curvature.recip().max(least));
+    }
+    let best = if cost(0.0) < cost(1.0) { 0.0 } else { 1.0 };
+    (best, known.variance.max(least))
+}
+
+/// Where the rim is in a sector, and the weighted squares that its light leaves.
+fn place(pixels: &[RimPixel], blur: f64) -> (Place, f64) {
+    let mut squares = 0.0;
+    let found = place_with(pixels, blur, &mut squares);
+    (found, squares)
+}
+
+fn place_with(pixels: &[RimPixel], blur: f64, squares: &mut f64) -> Place {
     if pixels.len() < MIN_PIXELS {
         return None;
     }
@@ -234,7 +347,8 @@ fn place(pixels: &[RimPixel], blur: f64) -> Place {
             let (shown, by) = profile.shown(pixel);
             sums.add(&by, pixel.light - shown, pixel.weight);
         }
-        let variance = (sums.squares / (pixels.len() - UNKNOWNS) as f64).max(1e-8);
+        *squares = sums.squares;
+        let variance = (sums.squares / (pixels.len() - UNKNOWNS) as f64).max(LEAST_VARIANCE);
         let mut information = sums.symmetric();
         let mut gradient = SVector::from(sums.gradient);
         if round == 0 {
@@ -351,8 +465,7 @@ fn blurred_root(x: f64) -> (f64, f64) {
 mod tests {
     use super::*;
     use crate::image::GrayImage;
-    use crate::vision::dots::cap::Tone;
-    use crate::vision::optics::camera::{BallCircle, Camera};
+    use crate::vision::optics::camera::Camera;
     use crate::vision::optics::grid::Grid;
 
     const SIDE: usize = 80;

@@ -114,6 +114,7 @@ impl Estimator {
             ..Budget::default()
         });
         self.identify(Detections::All, ws, out);
+        self.locate(None, out);
         (out.attempts, out.timings) = (ws.spending.runs, ws.spending.timings);
     }
 

@@ -8,9 +8,10 @@
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
 
-use crate::geometry::{Rotation, Vec3, angle_between};
+use crate::geometry::{Position, Rotation, Vec3, angle_between, turned_covariance};
 use crate::vision::frame::config::{CameraDistance, CameraModel, EstimatorConfig};
 use crate::vision::frame::estimate::{FrameEstimate, Pose};
+use crate::vision::frame::position;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
 
 /// Of the turn, the outline, the distance and the axis.
@@ -48,11 +49,15 @@ pub(crate) struct Match {
     name: u16,
 }
 
-/// A refined frame, in the view frame of the corrected outline.
+/// A refined frame.
 pub(crate) struct Refined {
     pub view: BallView,
+    /// In the view frame of the corrected outline.
     pub rotation: Rotation,
+    /// Of the rotation, in the camera's frame.
     pub covariance: Matrix3<f64>,
+    /// Where the intrinsics are known.
+    pub position: Option<Position>,
     /// Ball radii over the camera's distance, where there are no intrinsics.
     pub distance: Option<CameraDistance>,
     pub residual_rad: f64,
@@ -62,17 +67,15 @@ pub(crate) struct Refined {
 impl Refined {
     /// The pose, in the camera's frame.
     pub fn pose(&self, dots_confidence: f64, confidence: f64, hinted: bool) -> Pose {
-        let turn = self.view.to_camera();
-        let matrix = turn.to_rotation_matrix();
-        let matrix = matrix.matrix();
         Pose {
-            rotation: turn * self.rotation,
-            covariance: matrix * self.covariance * matrix.transpose(),
+            rotation: self.view.to_camera() * self.rotation,
+            covariance: self.covariance,
             dots_confidence,
             confidence,
             residual_rad: self.residual_rad,
             residual_px: self.residual_px,
             distance: self.distance,
+            position: self.position,
             hinted,
         }
     }
@@ -89,6 +92,7 @@ pub(crate) struct Refiner {
     placement: Placement,
     min_depth: f64,
     dot_probability: f64,
+    ball_radius_m: f64,
 }
 
 /// Normal equations, and minus two log-likelihoods.
@@ -231,12 +235,13 @@ impl Refiner {
         self
     }
 
-    pub fn new(config: &EstimatorConfig) -> Self {
+    pub fn new(config: &EstimatorConfig, ball_radius_m: f64) -> Self {
         Self {
             placement: Placement::Alike(config.placement_sigma_rad.powi(2)),
             // What the recognizer does not see is still there to be named.
             min_depth: 0.7 * config.recognizer.view.visibility_limit,
             dot_probability: config.dot_probability[1],
+            ball_radius_m,
         }
     }
 
@@ -268,10 +273,20 @@ impl Refiner {
         }
         let count = matches.len() as f64;
         let covariance = state.information.try_inverse()?;
+        let joint = covariance.fixed_view::<6, 6>(0, 0).into_owned();
+        let placed = position::of_pose(&state.view, &joint, self.ball_radius_m);
+        let (position, of_rotation) = match placed {
+            Some((position, of_rotation)) => (Some(position), of_rotation),
+            None => {
+                let of_turn = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+                (None, turned_covariance(&state.view.to_camera(), &of_turn))
+            }
+        };
         Some(Refined {
             view: state.view,
             rotation: state.rotation,
-            covariance: covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+            covariance: of_rotation,
+            position,
             distance: match prior.camera {
                 CameraModel::Unknown(_) => Some(CameraDistance {
                     inverse_distance: state.view.horizon(),

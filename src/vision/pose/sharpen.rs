@@ -3,27 +3,30 @@
 //! The net sees a ball in 64 x 64 cells, whatever the image holds of it. Once the dots have names, each is fitted as a
 //! [cap](crate::vision::dots::cap) in the image, and the pose is refined on these places. How far the dots are drawn from the
 //! pattern's is then estimated with it: well-drawn dots tell center, radius and distance better than the outline does.
+//!
+//! Where the intrinsics are known, the outline alone says where the ball is, too: that stands where the orientation is rejected.
 
 use std::time::Instant;
 
 use super::refine::Drawn;
 use crate::image::ImageView;
+use crate::vision::dots::cap::CapShape;
 use crate::vision::dots::detector::DotDetection;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::{FrameEstimate, Pose};
+use crate::vision::frame::outline::Outline;
+use crate::vision::frame::position;
 use crate::vision::optics::ball_pixels::BallPixels;
-use crate::vision::optics::camera::Pixel;
+use crate::vision::optics::camera::{BallView, Camera, Pixel};
+use crate::vision::optics::crop::Images;
 use crate::vision::optics::grid::Grid;
-use crate::vision::outline::rim::RimFit;
+use crate::vision::outline::place::Place;
 
 /// What is read of the image, outline radii.
 const REACH: f64 = 1.25;
 /// A dot farther from where it was detected than so many standard deviations, the drawn one's included, is another thing.
 const MOVED: f64 = 4.0;
-/// Standard deviations of what the limb's shading and the camera's tone curve do to center and radius of an outline that was found,
-/// pixels: 0.13 and 0.26 with balls of 60 pixels (`bench limit`).
-pub(crate) const OUTLINE_PX: [f64; 3] = [0.1, 0.1, 0.2];
 /// Standard deviation of the radius of an outline that may be an ellipse, radii: off the axis by 5 degrees, the half axes differ
 /// by 0.4 %.
 const OVAL: f64 = 0.002;
@@ -40,43 +43,77 @@ impl Estimator {
         out: &mut FrameEstimate,
     ) {
         let begun = Instant::now();
-        if let Ok(pose) = out.outcome
-            && !ws.spending.is_late()
-        {
-            ws.detected.clone_from(&out.dots);
-            ws.named.clone_from(&out.assignment);
-            let seen = self.place_by_pixels(image, ws, out);
-            let refined = seen.and_then(|rim| self.refine_sharpened(&pose, rim, ws, out));
-            if refined.is_none() {
-                out.dots.clone_from(&ws.detected);
-                out.assignment.clone_from(&ws.named);
-                out.blurs.clear();
+        let mut rim = None;
+        if !ws.spending.is_late() {
+            match out.outcome {
+                Ok(pose) => rim = self.sharpen_pose(&pose, image, ws, out),
+                Err(_) => rim = self.rim_of(image, ws, out),
             }
         }
+        self.locate(rim, out);
         out.timings.identify += begun.elapsed();
     }
 
-    /// The rim by the image's pixels, where it was found and is clear; `None` where no dot is.
+    /// The same of a frame with a pose; the outline by the image's rim, where it was found and is clear.
+    fn sharpen_pose(
+        &self,
+        pose: &Pose,
+        image: ImageView<'_>,
+        ws: &mut EstimatorWorkspace,
+        out: &mut FrameEstimate,
+    ) -> Option<Outline> {
+        ws.detected.clone_from(&out.dots);
+        ws.named.clone_from(&out.assignment);
+        let seen = self.place_by_pixels(image, ws, out);
+        let refined = seen.and_then(|rim| self.refine_sharpened(pose, rim, ws, out));
+        if refined.is_none() {
+            out.dots.clone_from(&ws.detected);
+            out.assignment.clone_from(&ws.named);
+            out.blurs.clear();
+        }
+        seen.flatten()
+    }
+
+    /// The outline by the image's rim, where it was found and is clear, of a frame without a pose whose camera is known.
+    fn rim_of(
+        &self,
+        image: ImageView<'_>,
+        ws: &mut EstimatorWorkspace,
+        out: &FrameEstimate,
+    ) -> Option<Outline> {
+        let outline = out.outline.filter(|o| !o.is_given())?;
+        let camera = Camera::Perspective(self.intrinsics()?);
+        let view = BallView::new(&camera, outline.circle).ok()?;
+        let pixels = pixels_about(image, &view, &mut ws.images)?;
+        let shape = match out.fit {
+            Some(fit) => {
+                let (_, level) = Place::Near(outline.circle).part(&image)?;
+                CapShape::of_edge(fit.edge_width, Grid::halved(level).side)
+            }
+            None => CapShape::first(0.0, &view),
+        };
+        let rim = ws.rim.fit_in_doubt(&pixels, &shape)?;
+        Some(rim.correct(&outline.circle, &outline))
+    }
+
+    /// Where the ball is by its outline alone, or as the rim has it, where the intrinsics are known.
+    pub(crate) fn locate(&self, rim: Option<Outline>, out: &mut FrameEstimate) {
+        let seen = rim.or(out.outline.map(Outline::with_model_error));
+        out.outline_position = seen.zip(self.intrinsics()).and_then(|(outline, k)| {
+            let view = BallView::new(&Camera::Perspective(k), outline.circle).ok()?;
+            position::of_outline(&view, &outline.covariance, self.ball_radius_m)
+        });
+    }
+
+    /// The outline by the image's rim, where it was found and is clear; `None` where no dot is.
     fn place_by_pixels(
         &self,
         image: ImageView<'_>,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
-    ) -> Option<Option<RimFit>> {
+    ) -> Option<Option<Outline>> {
         let view = self.view(out)?;
-        let part = view.circle().region(REACH, image.width(), image.height())?;
-        let (gray, grid) = match image {
-            ImageView::Gray(gray) => (gray, Grid::halved(0)),
-            _ => {
-                image.shrink_into(&part, 0, &mut ws.images.gray);
-                (&ws.images.gray, Grid::of(&part, 0))
-            }
-        };
-        let pixels = BallPixels {
-            gray,
-            grid,
-            view: &view,
-        };
+        let pixels = pixels_about(image, &view, &mut ws.images)?;
         // What the dots that face the camera say of blur and tone curve, those near the rim need most.
         let off_middle = |i: &usize| {
             let (at, center) = (out.dots[*i].pixel, view.circle().center);
@@ -105,36 +142,37 @@ impl Estimator {
             }
         }
         let is_found = out.outline.is_some_and(|o| !o.is_given());
-        let rim = || ws.rim.fit(&pixels, &shape?);
-        let rim = is_found.then(rim).flatten();
+        // Where the radius says how far the ball is, its error counts.
         let is_known = self.intrinsics().is_some();
+        let rim = || match is_known {
+            true => ws.rim.fit_in_doubt(&pixels, &shape?),
+            false => ws.rim.fit(&pixels, &shape?),
+        };
+        let rim = is_found.then(rim).flatten();
         let oval = rim.and_then(|rim| rim.oval).filter(|_| is_known);
         out.oval = oval.map(|oval| (*view.circle(), oval));
-        is_any.then_some(rim)
+        let corrected = rim.zip(out.outline);
+        let corrected = corrected.map(|(rim, outline)| rim.correct(view.circle(), &outline));
+        is_any.then_some(corrected)
     }
 
     fn refine_sharpened(
         &self,
         pose: &Pose,
-        rim: Option<RimFit>,
+        rim: Option<Outline>,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<()> {
-        let (mut outline, view) = (out.outline?, self.view(out)?);
-        if let Some(rim) = rim {
-            let found = view.circle();
-            outline.circle.center.u = found.center.u + rim.change.x;
-            outline.circle.center.v = found.center.v + rim.change.y;
-            outline.circle.radius = found.radius + rim.change.z;
-            outline.covariance = rim.covariance;
-            if matches!(self.config.camera, CameraModel::Unknown(_)) {
-                outline.covariance[(2, 2)] += (OVAL * found.radius).powi(2);
+        let view = self.view(out)?;
+        let outline = match rim {
+            Some(mut rim) => {
+                if matches!(self.config.camera, CameraModel::Unknown(_)) {
+                    rim.covariance[(2, 2)] += (OVAL * view.circle().radius).powi(2);
+                }
+                rim
             }
-        } else if !outline.is_given() {
-            for (k, sigma) in OUTLINE_PX.into_iter().enumerate() {
-                outline.covariance[(k, k)] += sigma * sigma;
-            }
-        }
+            None => out.outline?.with_model_error(),
+        };
         let camera = self.config.camera.at(pose.distance);
         let rotation = view.to_camera().inverse() * pose.rotation;
         let matched = out.matched() as f64;
@@ -146,6 +184,23 @@ impl Estimator {
         out.outcome = Ok(refined.of(pose));
         Some(())
     }
+}
+
+/// The pixels about a ball.
+fn pixels_about<'a>(
+    image: ImageView<'a>,
+    view: &'a BallView,
+    images: &'a mut Images,
+) -> Option<BallPixels<'a>> {
+    let part = view.circle().region(REACH, image.width(), image.height())?;
+    let (gray, grid) = match image {
+        ImageView::Gray(gray) => (gray, Grid::halved(0)),
+        _ => {
+            image.shrink_into(&part, 0, &mut images.gray);
+            (&images.gray, Grid::of(&part, 0))
+        }
+    };
+    Some(BallPixels { gray, grid, view })
 }
 
 /// Whether a place may be that of the detection.

@@ -22,6 +22,7 @@ use spindoe::vision::{
     Intrinsics, Lens, OutlinePrior, Pixel, Prior,
 };
 use spindoe_studies::frames::DOTS20;
+use spindoe_studies::pictures::seen_through;
 use spindoe_studies::table::Table;
 use spindoe_studies::{Outcome, row};
 
@@ -296,27 +297,4 @@ impl Args {
             off_deg,
         })
     }
-}
-
-/// A pinhole's picture as a lens shows it.
-fn seen_through(
-    image: &RgbImage,
-    pinhole: &Intrinsics,
-    k: &Intrinsics,
-) -> spindoe::Result<RgbImage> {
-    if k.lens == Lens::Ideal {
-        return Ok(image.clone());
-    }
-    let mut values = Vec::with_capacity(image.values().len());
-    for v in 0..image.height() {
-        for u in 0..image.width() {
-            let ray = k.ray(Pixel {
-                u: u as f64,
-                v: v as f64,
-            });
-            let at = ray.map(|ray| pinhole.project(&ray));
-            values.push(at.map_or([0.0; 3], |at| image.sample(at.u, at.v)));
-        }
-    }
-    RgbImage::new(image.width(), image.height(), values)
 }

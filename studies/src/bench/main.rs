@@ -22,6 +22,7 @@ mod objectives;
 mod objectives_images;
 mod outlines;
 mod painted;
+mod position;
 mod rebuild;
 mod recognizer;
 mod residuals;
@@ -82,6 +83,8 @@ enum Command {
     Rolling(rolling::Args),
     /// Do the ball's outlines contradict the camera's intrinsics?
     Focal(focal::Args),
+    /// Whether the covariance of a ball's center says how well it is known.
+    Position(position::Args),
     /// How often images that show no ball are answered.
     Noise(noise::Args),
     /// How often a flipped camera is told apart.
@@ -159,6 +162,7 @@ fn main() -> Outcome {
         Command::SmearClips(args) => args.run(),
         Command::Rolling(args) => args.run(),
         Command::Focal(args) => args.run(),
+        Command::Position(args) => args.run(),
         Command::Noise(args) => args.run(),
         Command::Mirror(args) => args.run(),
         Command::Sequences(args) => args.run(),

@@ -15,6 +15,7 @@ mod off_axis;
 mod outline;
 mod painted;
 mod pipe;
+mod position;
 mod rolling;
 mod sequence;
 mod small;

@@ -32,7 +32,7 @@ const STRIPES: f64 = 0.3;
 
 /// What is seen beyond the ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Behind {
+pub(super) enum Behind {
     /// A dark wall: the edges show the outline.
     Dark,
     /// What is as bright as the ball's rim, but for stripes: the edges show no outline.
@@ -40,17 +40,17 @@ enum Behind {
 }
 
 /// A sphere of radius 1 before a pinhole at the origin, which looks along -z (x right, y up).
-struct Cast {
-    intrinsics: Intrinsics,
-    center: Vec3,
+pub(super) struct Cast {
+    pub(super) intrinsics: Intrinsics,
+    pub(super) center: Vec3,
     /// Pattern to camera frame.
-    rotation: Rotation,
+    pub(super) rotation: Rotation,
     /// OpenCV's k1, k2, p1, p2.
     distortion: [f64; 4],
 }
 
 /// Where a lens shows a point at unit depth, y down.
-fn distorted([k1, k2, p1, p2]: [f64; 4], [x, y]: [f64; 2]) -> [f64; 2] {
+pub(super) fn distorted([k1, k2, p1, p2]: [f64; 4], [x, y]: [f64; 2]) -> [f64; 2] {
     let r2 = x * x + y * y;
     let g = 1.0 + k1 * r2 + k2 * r2 * r2;
     [
@@ -60,11 +60,11 @@ fn distorted([k1, k2, p1, p2]: [f64; 4], [x, y]: [f64; 2]) -> [f64; 2] {
 }
 
 impl Cast {
-    fn random(distance: f64, off_axis_rad: f64, rng: &mut ChaCha8Rng) -> Self {
+    pub(super) fn random(distance: f64, off_axis_rad: f64, rng: &mut ChaCha8Rng) -> Self {
         Self::through([0.0; 4], distance, off_axis_rad, rng)
     }
 
-    fn through(
+    pub(super) fn through(
         distortion: [f64; 4],
         distance: f64,
         off_axis_rad: f64,
@@ -129,7 +129,7 @@ impl Cast {
     }
 
     /// What a camera stores: the light through its tone curve, and noise.
-    fn image(
+    pub(super) fn image(
         &self,
         pattern: &Pattern,
         behind: Behind,
@@ -323,7 +323,7 @@ fn balls_off_the_axis_are_as_well_estimated_as_on_it() {
 }
 
 /// The tone curve of IEC 61966-2-1.
-fn srgb(light: f32) -> f32 {
+pub(super) fn srgb(light: f32) -> f32 {
     match light < 0.003_130_8 {
         true => 12.92 * light,
         false => 1.055 * light.powf(1.0 / 2.4) - 0.055,
