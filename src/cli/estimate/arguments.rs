@@ -29,6 +29,9 @@ is correct. The quaternion maps the pattern's frame to that of the column camera
 optical they are optical and optical_view: x right, y down, z forward, R_optical = diag(1,-1,-1) R_camera; the
 covariance and the spin's vector are rotated likewise.
 
+With --intrinsics the columns x_m,y_m,z_m and cov_m2_xx to cov_m2_zz have the center of the ball in that frame, in meters, also of
+rejected frames whose outline was found; the diameter is --ball-diameter-mm, else the table's.
+
 All frames together decide whether the table fits these images, which of several tables it is, and whether the
 images are mirrored: frames of another ball are identified by accident now and then, but not one after the other.
 

@@ -264,6 +264,7 @@ impl OutlineFinder {
             Some((circle, rim)) => rim.correct(&circle, &outline),
             None => outline.with_model_error(),
         };
+        let seen = seen.with_size_error();
         let view = BallView::new(&camera, seen.circle).ok()?;
         position::of_outline(&view, &seen.covariance, self.ball_radius_m?)
     }

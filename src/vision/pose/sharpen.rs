@@ -93,12 +93,14 @@ impl Estimator {
             None => CapShape::first(0.0, &view),
         };
         let rim = ws.rim.fit_in_doubt(&pixels, &shape)?;
-        Some(rim.correct(&outline.circle, &outline))
+        let seen = rim.correct(&outline.circle, &outline);
+        Some(seen.with_size_error())
     }
 
     /// Where the ball is by its outline alone, or as the rim has it, where the intrinsics are known.
     pub(crate) fn locate(&self, rim: Option<Outline>, out: &mut FrameEstimate) {
-        let seen = rim.or(out.outline.map(Outline::with_model_error));
+        let found = out.outline.map(|o| o.with_model_error().with_size_error());
+        let seen = rim.or(found);
         out.outline_position = seen.zip(self.intrinsics()).and_then(|(outline, k)| {
             let view = BallView::new(&Camera::Perspective(k), outline.circle).ok()?;
             position::of_outline(&view, &outline.covariance, self.ball_radius_m)
@@ -152,7 +154,14 @@ impl Estimator {
         let oval = rim.and_then(|rim| rim.oval).filter(|_| is_known);
         out.oval = oval.map(|oval| (*view.circle(), oval));
         let corrected = rim.zip(out.outline);
-        let corrected = corrected.map(|(rim, outline)| rim.correct(view.circle(), &outline));
+        let corrected = corrected.map(|(rim, outline)| {
+            let seen = rim.correct(view.circle(), &outline);
+            if is_known {
+                seen.with_size_error()
+            } else {
+                seen
+            }
+        });
         is_any.then_some(corrected)
     }
 
@@ -171,7 +180,13 @@ impl Estimator {
                 }
                 rim
             }
-            None => out.outline?.with_model_error(),
+            None => {
+                let found = out.outline?.with_model_error();
+                match self.intrinsics() {
+                    Some(_) => found.with_size_error(),
+                    None => found,
+                }
+            }
         };
         let camera = self.config.camera.at(pose.distance);
         let rotation = view.to_camera().inverse() * pose.rotation;

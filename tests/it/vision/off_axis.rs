@@ -131,12 +131,12 @@ impl Cast {
     /// What a camera stores: the light through its tone curve, and noise.
     pub(super) fn image(
         &self,
-        pattern: &Pattern,
+        pattern: &[Vec3],
         behind: Behind,
         tone: fn(f32) -> f32,
         rng: &mut ChaCha8Rng,
     ) -> GrayImage {
-        let dots: Vec<Vec3> = pattern.dots().iter().map(|d| self.rotation * d).collect();
+        let dots: Vec<Vec3> = pattern.iter().map(|d| self.rotation * d).collect();
         let fine = 4;
         let sub = |i: usize| (i as f64 + 0.5) / fine as f64 - 0.5;
         let sharp = GrayImage::from_fn(SIDE, SIDE, |u, v| {
@@ -220,7 +220,7 @@ fn errors_before(behind: Behind, distance: f64, off_axis_deg: f64, told: Told) -
     };
     for _ in 0..trials {
         let cast = Cast::random(distance, off_axis_deg.to_radians(), &mut rng);
-        let image = cast.image(&pattern, behind, |light| light, &mut rng);
+        let image = cast.image(pattern.dots(), behind, |light| light, &mut rng);
         let camera = match told {
             Told::Nothing => CameraModel::default(),
             _ => Camera::Perspective(cast.intrinsics).into(),
@@ -256,7 +256,7 @@ fn errors_through(distortion: [f64; 4], is_told: bool) -> Vec<f64> {
     for k in 0..TRIALS {
         let off_axis = [12.0, 24.0][k % 2];
         let cast = Cast::through(distortion, 12.0, f64::to_radians(off_axis), &mut rng);
-        let image = cast.image(&pattern, Behind::Dark, |light| light, &mut rng);
+        let image = cast.image(pattern.dots(), Behind::Dark, |light| light, &mut rng);
         let known = match is_told {
             true => cast.intrinsics,
             false => Intrinsics {
@@ -338,7 +338,7 @@ fn dots_lie_where_the_images_own_pixels_show_them() {
     for k in 0..trials() {
         let off_axis: f64 = [0.0, 0.2][k % 2];
         let cast = Cast::random(12.0, off_axis, &mut rng);
-        let image = cast.image(&pattern, Behind::Dark, srgb, &mut rng);
+        let image = cast.image(pattern.dots(), Behind::Dark, srgb, &mut rng);
         let outline = OutlinePrior {
             circle: cast.circle(),
             sigma_px: 1e-3,
@@ -425,7 +425,7 @@ fn outlines_contradict_focal_lengths_that_are_far_off() {
         let images: Vec<GrayImage> = (0..8)
             .map(|_| {
                 cast.rotation = random_rotation(&mut rng);
-                cast.image(&pattern, Behind::Dark, srgb, &mut rng)
+                cast.image(pattern.dots(), Behind::Dark, srgb, &mut rng)
             })
             .collect();
         for &factor in factors {
@@ -486,7 +486,7 @@ fn every_mode_says_that_outlines_contradict_the_camera() {
     let mut raw = Vec::new();
     for k in 0..12 {
         cast.rotation = Rotation::from_scaled_axis(Vec3::new(0.1, 0.25, 0.1)) * cast.rotation;
-        let gray = cast.image(&pattern, Behind::Dark, srgb, &mut rng);
+        let gray = cast.image(pattern.dots(), Behind::Dark, srgb, &mut rng);
         let values = gray.values().iter().map(|v| [*v; 3]).collect();
         let image = RgbImage::new(SIDE, SIDE, values).unwrap();
         image.write_png(&folder.join(format!("{k}.png"))).unwrap();

@@ -166,7 +166,7 @@ fn without_intrinsics_there_is_no_position() {
     let pattern = crate::common::random_pattern(20, 5);
     let mut rng = ChaCha8Rng::seed_from_u64(65_002);
     let cast = Cast::random(20.0, 0.1, &mut rng);
-    let image = cast.image(&pattern, Behind::Dark, srgb, &mut rng);
+    let image = cast.image(pattern.dots(), Behind::Dark, srgb, &mut rng);
     let near = Camera::Near {
         inverse_distance: 0.05,
     };
@@ -223,7 +223,7 @@ fn centers_lie_within_their_covariances() {
         let off_axis = [0.0, 12.0, 24.0][k % 3];
         let distortion = [[0.0; 4], DISTORTION][k % 2];
         let cast = Cast::through(distortion, distance, f64::to_radians(off_axis), &mut rng);
-        let image = cast.image(&pattern, Behind::Dark, srgb, &mut rng);
+        let image = cast.image(pattern.dots(), Behind::Dark, srgb, &mut rng);
         let camera = Camera::Perspective(cast.intrinsics).into();
         let out = estimated(&pattern, camera, &image, None);
         let Some(([off_along, off_across], chi2, joint)) = deviations(&cast, &out) else {
@@ -251,4 +251,143 @@ fn centers_lie_within_their_covariances() {
     assert!(rate.high >= 0.95 && rate.rate > 0.85, "{rate}");
     assert!(both.high >= 0.95 && both.rate > 0.8, "{both}");
     assert!(along < 0.01 && across < 0.2, "{along} {across}");
+}
+
+/// The center that a mode gives of its frames, by JSON.
+#[cfg(feature = "cli")]
+fn centers(frames: &[serde_json::Value]) -> Vec<[f64; 3]> {
+    let all = frames.iter().map(|frame| {
+        let ball = frame["balls"].get(0).unwrap_or(frame);
+        let covariance: [[f64; 3]; 3] =
+            serde_json::from_value(ball["position_covariance_m2"].clone()).expect("a covariance");
+        assert!(covariance.iter().flatten().all(|c| c.is_finite()));
+        let is_posed = ball.get("orientation_wxyz").is_some();
+        let both = ball.get("position_rotation_covariance_m_rad");
+        assert_eq!(both.is_some(), is_posed);
+        serde_json::from_value(ball["position_m"].clone()).expect("a center")
+    });
+    all.collect()
+}
+
+/// Every mode writes the center, and what is written is read.
+#[cfg(feature = "cli")]
+#[test]
+fn every_mode_says_where_the_ball_is() {
+    use spindoe::image::RgbImage;
+    use spindoe::spin::orientations::Orientations;
+
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = crate::common::random_pattern(20, 5);
+    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(65_004);
+    let mut cast = Cast::through(DISTORTION, 20.0, f64::to_radians(15.0), &mut rng);
+    let folder = dir.path().join("images");
+    std::fs::create_dir(&folder).unwrap();
+    let (mut raw, mut side) = (Vec::new(), 0);
+    for k in 0..4 {
+        cast.rotation = spindoe::geometry::Rotation::from_scaled_axis(Vec3::new(0.1, 0.25, 0.1))
+            * cast.rotation;
+        // The last ball has no dots: its orientation is rejected.
+        let dots = if k < 3 { pattern.dots() } else { &[] };
+        let gray = cast.image(dots, Behind::Dark, srgb, &mut rng);
+        side = gray.width();
+        let values = gray.values().iter().map(|v| [*v; 3]).collect();
+        let image = RgbImage::new(side, side, values).unwrap();
+        image.write_png(&folder.join(format!("{k}.png"))).unwrap();
+        raw.extend(image.to_bytes());
+    }
+    std::fs::write(dir.path().join("clip.raw"), raw).unwrap();
+    let Intrinsics { fx, fy, cx, cy, .. } = cast.intrinsics;
+    let [k1, k2, p1, p2] = DISTORTION;
+    let intrinsics = format!("{fx},{fy},{cx},{cy},{k1},{k2},{p1},{p2}");
+    let size = format!("{side}x{side},rgb");
+    let run = |mode: &[&str]| {
+        let given = ["--table", "pattern.csv", "--intrinsics", &intrinsics];
+        crate::common::done(dir.path(), &[mode, &given[..]].concat())
+    };
+    let frames = |mode: &[&str]| -> Vec<[f64; 3]> {
+        let text = run(mode);
+        match mode[0] {
+            "live" => {
+                let lines = text.lines().map(|l| serde_json::from_str(l).unwrap());
+                centers(&lines.collect::<Vec<_>>())
+            }
+            _ => {
+                let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+                centers(json["frames"].as_array().unwrap())
+            }
+        }
+    };
+    let alone = frames(&["estimate", "images", "--no-sequence", "--json"]);
+    let truth = cast.center * RADIUS_M;
+    assert_eq!(alone.len(), 4);
+    for center in &alone {
+        assert!((Vec3::from(*center) - truth).norm() < 0.02 * truth.norm());
+    }
+    let several = [
+        "estimate",
+        "images",
+        "--no-sequence",
+        "--balls",
+        "1",
+        "--json",
+    ];
+    let live = ["live", "clip.raw", "--raw", &size, "--fps", "120"];
+    for mode in [&several[..], &live] {
+        let found = frames(mode);
+        assert_eq!(found.len(), 4);
+        for (a, b) in found.iter().zip(&alone) {
+            assert!((Vec3::from(*a) - Vec3::from(*b)).norm() < 0.01 * truth.norm());
+        }
+    }
+    // A ball twice as large is twice as far; the optical frame has y down and z forward.
+    let large = [
+        "estimate",
+        "images",
+        "--no-sequence",
+        "--json",
+        "--ball-diameter-mm",
+        "80",
+    ];
+    let optical = [
+        "estimate",
+        "images",
+        "--no-sequence",
+        "--json",
+        "--frame",
+        "optical",
+    ];
+    for ((a, b), c) in frames(&large).iter().zip(&alone).zip(frames(&optical)) {
+        let half = Vec3::from(*a) * 0.5;
+        assert!((half - Vec3::from(*b)).norm() < 1e-12);
+        assert!((Vec3::new(c[0], -c[1], -c[2]) - Vec3::from(*b)).norm() < 1e-12);
+    }
+    // The file has the same, also of the frame without an orientation; it is read again, bit by bit.
+    let timed = run(&["estimate", "images", "--fps", "120"]);
+    let header = timed.lines().next().unwrap();
+    assert!(
+        header.ends_with(
+            "cov_zz,x_m,y_m,z_m,cov_m2_xx,cov_m2_xy,cov_m2_xz,cov_m2_yy,cov_m2_yz,cov_m2_zz"
+        ),
+        "{header}"
+    );
+    let file = Orientations::read("o.csv".as_ref(), timed.as_bytes()).unwrap();
+    let last = &file.rows[3];
+    assert!(last.orientation.is_none() && last.position.is_some());
+    let again = Orientations::read("o.csv".as_ref(), file.to_csv().as_bytes()).unwrap();
+    for (a, b) in file.rows.iter().zip(&again.rows) {
+        assert!(a.position.is_some() && a.position == b.position);
+    }
+    let broken = timed.replacen(&last.position.unwrap().center_m.x.to_string(), "", 1);
+    let refused = Orientations::read("o.csv".as_ref(), broken.as_bytes()).unwrap_err();
+    assert!(refused.to_string().contains("x_m to z_m"), "{refused}");
+    let wrong = [
+        "estimate",
+        "images",
+        "--table",
+        "pattern.csv",
+        "--ball-diameter-mm",
+        "0",
+    ];
+    crate::common::refused(dir.path(), &wrong, 2, "1 to 1000 mm");
 }
