@@ -34,6 +34,8 @@ const FAR_M: [f64; 2] = [0.4, 3.0];
 const BINS_M: [f64; 5] = [0.4, 0.7, 1.2, 2.0, 3.0];
 /// Coefficients of the lens.
 const LENS: [f64; 5] = [-0.28, 0.08, 0.001, -0.0005, 0.0];
+/// A center that is off by more than this part of the distance is that of something else.
+const GROSS: f64 = 0.1;
 /// 95 % of chi-squared lie below, of three degrees of freedom and of six.
 const WITHIN: [f64; 2] = [7.815, 12.592];
 
@@ -97,6 +99,7 @@ impl Args {
             "frames",
             "chi2 of the center within 95 %",
             "of center and orientation",
+            "off by a tenth",
             "across, mm",
             "along, mm",
             "across, deviations",
@@ -233,9 +236,11 @@ fn add_row(table: &Table, name: &str, bin: String, some: &[&Found]) {
         let within = chi2.iter().filter(|x| **x < most).count();
         Proportion::new(within as u64, chi2.len() as u64)
     };
+    let is_near = |f: &&&Found| f.along_m.hypot(f.across_m) <= GROSS * f.distance_m;
+    let near: Vec<&&Found> = some.iter().filter(is_near).collect();
     let root = |value: fn(&Found) -> f64| {
-        let squares: f64 = some.iter().map(|f| value(f).powi(2)).sum();
-        (squares / some.len() as f64).sqrt()
+        let squares: f64 = near.iter().map(|f| value(f).powi(2)).sum();
+        (squares / near.len() as f64).sqrt()
     };
     // Half of the square across is along either axis.
     let axis = 0.5f64.sqrt();
@@ -246,6 +251,7 @@ fn add_row(table: &Table, name: &str, bin: String, some: &[&Found]) {
         some.len(),
         within(some.iter().map(|f| f.chi2).collect(), WITHIN[0]),
         within(some.iter().filter_map(|f| f.joint_chi2).collect(), WITHIN[1]),
+        some.len() - near.len(),
         figure(1e3 * axis * root(|f| f.across_m), 3, ""),
         figure(1e3 * root(|f| f.along_m), 2, ""),
         figure(root(|f| f.across), 2, ""),
