@@ -50,7 +50,7 @@ pub struct DesignRequest {
     /// Further descent steps of the best quarter of the starts.
     pub climb_steps: u64,
     /// Monte Carlo trials per candidate, again for each protocol of the winner's evaluation, and a
-    /// fifth of it for each point of the sensitivity sweeps.
+    /// tenth of it for each point of the sensitivity sweeps.
     pub samples: u64,
     /// How a descent finds its steps.
     pub descent: DescentMethod,

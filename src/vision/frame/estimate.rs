@@ -10,12 +10,16 @@ use crate::geometry::Rotation;
 use crate::recognize::RecognizerRejection;
 use crate::vision::dots::detector::DotDetection;
 use crate::vision::dots::smear::DotBlur;
-use crate::vision::optics::camera::BallCircle;
+use crate::vision::optics::camera::{BallCircle, Pixel};
 use crate::vision::optics::grid::Grid;
 use crate::vision::optics::oval::Oval;
 use crate::vision::outline::circle::{BallFit, NoBall};
 use crate::vision::pose::trust::PoseEvidence;
 
+/// A picture whose shorter side is longer than so many radii of the ball is no crop about it.
+const WHOLE_PICTURE: f64 = 6.0;
+/// Standard deviation of an axis about the middle of its picture, of the longer side.
+const AXIS_SPREAD: f64 = 0.04;
 /// More detections than either detector gives for a ball: capacity for as many is reserved beforehand.
 pub(crate) const EXPECTED_DOTS: usize = 256;
 /// The rejection of a mirrored frame.
@@ -143,8 +147,33 @@ pub struct FrameEstimate {
     pub(crate) attempts: usize,
     /// What the outline was worth before its dots were seen.
     pub(crate) standing: Standing,
+    /// Where the camera's axis is expected; `None` in a crop, which may be cut from anywhere.
+    pub(crate) axis: Option<Axis>,
     /// The best pose of this outline by its detections, and where these leave doubt by all places where dots may be.
     pub(crate) hypotheses: [Option<Hypothesis>; 2],
+}
+
+/// Where a camera's axis meets its picture, before anything is seen: about the middle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Axis {
+    pub middle: Pixel,
+    /// Standard deviation of either coordinate, pixels.
+    pub sigma_px: f64,
+}
+
+impl Axis {
+    /// Of a picture of this size; `None` where the ball of this outline fills so much of it that it may be a crop.
+    pub fn of_picture(width: usize, height: usize, outline: &BallCircle) -> Option<Self> {
+        let [width, height] = [width, height].map(|n| n as f64);
+        let is_whole = width.min(height) > WHOLE_PICTURE * outline.radius;
+        is_whole.then(|| Self {
+            middle: Pixel {
+                u: 0.5 * (width - 1.0),
+                v: 0.5 * (height - 1.0),
+            },
+            sigma_px: AXIS_SPREAD * width.max(height),
+        })
+    }
 }
 
 /// What an outline is worth before the dots within it are seen.
@@ -194,6 +223,7 @@ impl FrameEstimate {
         earlier_attempts: 0,
         attempts: 0,
         standing: Standing::Likely,
+        axis: None,
         hypotheses: [None; 2],
         blurs: Vec::new(),
     };

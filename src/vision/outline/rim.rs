@@ -29,10 +29,11 @@ use crate::vision::optics::sums::Sums;
 
 /// Number of sectors.
 const SECTORS: usize = 32;
-/// Pixels are read from so many within the outline to so many beyond it, and as many deviations of the blur.
-const READ: ([f64; 2], f64) = ([3.0, 1.5], 1.2);
+/// Pixels are read from so many within the outline to so many beyond it, and so many deviations of the blur: what is
+/// behind the ball has to be seen apart from its edge.
+const READ: ([f64; 2], [f64; 2]) = ([3.0, 1.5], [1.2, 2.5]);
 /// Of larger balls every second, third, ... pixel is read, so that there are about so many.
-const MANY_PIXELS: f64 = 800.0;
+const MANY_PIXELS: f64 = 3000.0;
 /// Capacity for pixels beforehand.
 const EXPECTED_PIXELS: usize = 4096;
 /// Fewer pixels say nothing of a sector.
@@ -41,12 +42,14 @@ const MIN_PIXELS: usize = 12;
 const STEPS: usize = 3;
 /// Maximum change of the outline, pixels.
 const MAX_CHANGE: f64 = 1.5;
+/// After a larger one it is fitted again about the changed outline, pixels.
+const FAR: f64 = 0.25;
 /// The blur's standard deviation, of that of the dots.
-const BLUR_SPREAD: f64 = 0.3;
+const BLUR_SPREAD: f64 = 0.1;
 /// Standard deviation of a sector's place beyond what its pixels say, pixels: what is behind the ball is not even.
 const SECTOR_ERROR: f64 = 0.03;
 /// A sector that is known worse says nothing, pixels.
-const MAX_SECTOR_ERROR: f64 = 0.3;
+const MAX_SECTOR_ERROR: f64 = 0.6;
 /// Steps, and degrees of freedom, of the fit to the sectors.
 const ROUNDS: usize = 6;
 const DEGREES: f64 = 3.0;
@@ -106,6 +109,25 @@ pub(crate) struct RimFit {
 impl RimFitter {
     /// Fits the rim about the outline of a view, by blur and tone curve of the ball's dots.
     pub fn fit(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
+        let found = self.fit_once(pixels, shape)?;
+        if found.change.amax() < FAR {
+            return Some(found);
+        }
+        let mut circle = *pixels.view.circle();
+        circle.center.u += found.change.x;
+        circle.center.v += found.change.y;
+        circle.radius += found.change.z;
+        let view = pixels.view.at(circle).ok()?;
+        let moved = BallPixels {
+            view: &view,
+            ..*pixels
+        };
+        let again = self.fit_once(&moved, shape)?;
+        let change = found.change + again.change;
+        (change.amax() < MAX_CHANGE).then_some(RimFit { change, ..again })
+    }
+
+    fn fit_once(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
         let mut sectors = [Sector::default(); SECTORS];
         for (k, sector) in sectors.iter_mut().enumerate() {
             *sector = sector_at(pixels.view, TAU * (k as f64 + 0.5) / SECTORS as f64)?;
@@ -121,8 +143,8 @@ impl RimFitter {
 
     fn read(&mut self, pixels: &BallPixels<'_>, sectors: &[Sector; SECTORS], shape: &CapShape) {
         let BallPixels { gray, grid, view } = pixels;
-        let ([inner, outer], blurs) = READ;
-        let [inner, outer] = [inner, outer].map(|d| d + blurs * shape.blur);
+        let (depths, blurs) = READ;
+        let [inner, outer] = [0, 1].map(|k| depths[k] + blurs[k] * shape.blur);
         let circle = view.circle();
         let stride = (TAU * circle.radius * (inner + outer) / MANY_PIXELS).ceil() as usize;
         // An ellipse's longer half axis.

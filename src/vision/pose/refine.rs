@@ -10,7 +10,7 @@ use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
 
 use crate::geometry::{Rotation, Vec3, angle_between};
 use crate::vision::frame::config::{CameraDistance, CameraModel, EstimatorConfig};
-use crate::vision::frame::estimate::{FrameEstimate, Pose};
+use crate::vision::frame::estimate::{Axis, FrameEstimate, Pose};
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
 
 /// Of the turn, the outline, the distance and the axis.
@@ -18,6 +18,8 @@ const PARAMETERS: usize = 9;
 /// Standard deviation of the eccentricity along either axis of the image, where the outline is a circle and where an ellipse was
 /// fitted: a ball 5 degrees off the axis has 0.087.
 const ECCENTRICITY: [f64; 2] = [0.08, 0.05];
+/// Of what the axis' place says of the eccentricity to first order.
+const FIRST_ORDER: f64 = 0.005;
 /// One that stays as it is.
 const FIXED: f64 = 1e-6;
 /// That of a ball far outside any camera's view.
@@ -120,6 +122,8 @@ pub(crate) struct Prior {
     /// Where the search for the distance starts: the camera under which the dots are identified.
     pub start: Camera,
     pub drawn: Drawn,
+    /// Where the camera's axis is expected.
+    pub axis: Option<Axis>,
 }
 
 impl Prior {
@@ -147,12 +151,19 @@ impl Prior {
                     Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
                     Drawn::AsStated => FIXED,
                 };
-                let away = circle.eccentricity - now.eccentricity;
-                for k in 0..2 {
-                    information[(7 + k, 7 + k)] = sigma.powi(-2);
-                    gradient[7 + k] = away[k] / sigma.powi(2);
+                let axis = self.axis.filter(|_| self.drawn == Drawn::AsSeen);
+                // Without an ellipse the picture says more of the axis than that most balls are near it.
+                if axis.is_none() || circle.is_ellipse() {
+                    let away = circle.eccentricity - now.eccentricity;
+                    for k in 0..2 {
+                        information[(7 + k, 7 + k)] = sigma.powi(-2);
+                        gradient[7 + k] = away[k] / sigma.powi(2);
+                    }
+                    cost += away.norm_squared() / sigma.powi(2);
                 }
-                cost += away.norm_squared() / sigma.powi(2);
+                if let Some(axis) = axis {
+                    cost += axis.add_to(&mut information, &mut gradient, view);
+                }
             }
             // No dot depends on these: they stay where they are.
             CameraModel::Known(_) => (6..PARAMETERS).for_each(|k| information[(k, k)] = 1.0),
@@ -162,6 +173,33 @@ impl Prior {
             gradient,
             cost,
         }
+    }
+}
+
+impl Axis {
+    /// What it says of the eccentricity and the distance at a view: to first order a ball at `off` radii from the axis
+    /// has the eccentricity `off / distance`. Minus two log-likelihoods.
+    fn add_to(
+        &self,
+        information: &mut SMatrix<f64, PARAMETERS, PARAMETERS>,
+        gradient: &mut SVector<f64, PARAMETERS>,
+        view: &BallView,
+    ) -> f64 {
+        let (now, horizon) = (view.circle(), view.horizon());
+        let off = offset(now.center, self.middle) / now.radius;
+        let sigma = self.sigma_px / now.radius * horizon;
+        let variance = sigma.powi(2) + FIRST_ORDER.powi(2);
+        let misfit = off * horizon - now.eccentricity;
+        for k in 0..2 {
+            let by = [(6, -off[k]), (7 + k, 1.0)];
+            for (i, by_i) in by {
+                gradient[i] += by_i * misfit[k] / variance;
+                for (j, by_j) in by {
+                    information[(i, j)] += by_i * by_j / variance;
+                }
+            }
+        }
+        misfit.norm_squared() / variance
     }
 }
 

@@ -11,7 +11,7 @@ use crate::image::ImageView;
 use crate::vision::dots::detector::DotDetection;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::config::CameraModel;
-use crate::vision::frame::estimate::{FrameEstimate, Pose};
+use crate::vision::frame::estimate::{Axis, FrameEstimate, Pose};
 use crate::vision::optics::ball_pixels::BallPixels;
 use crate::vision::optics::camera::Pixel;
 use crate::vision::optics::grid::Grid;
@@ -45,6 +45,10 @@ impl Estimator {
         {
             ws.detected.clone_from(&out.dots);
             ws.named.clone_from(&out.assignment);
+            let outline = out.outline.map(|outline| outline.circle);
+            out.axis = outline.and_then(|circle| {
+                Axis::of_picture(image.width(), image.height(), &circle)
+            });
             let seen = self.place_by_pixels(image, ws, out);
             let refined = seen.and_then(|rim| self.refine_sharpened(&pose, rim, ws, out));
             if refined.is_none() {
