@@ -63,6 +63,9 @@ pub struct ImageArguments {
     /// Maximum number of pixels of an image.
     #[arg(hide = true, long, value_name = "N", default_value_t = DEFAULT_MAX_PIXELS)]
     pub(super) max_pixels: u64,
+    /// A dark ball with bright dots: frames are estimated as negatives.
+    #[arg(hide = true, long)]
+    pub(super) bright_dots: bool,
     /// Those of the images, once they are settled.
     #[arg(skip)]
     settled: OnceLock<Intrinsics>,

@@ -197,6 +197,10 @@ fn each_frame(
             let picture = std::mem::replace(&mut frame.picture, Ok(Picture::default()));
             frame.picture = picture.and_then(Picture::mirrored);
         }
+        if asked.source.bright_dots {
+            let picture = std::mem::replace(&mut frame.picture, Ok(Picture::default()));
+            frame.picture = picture.and_then(Picture::negative);
+        }
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;
         let view = picture.view()?;

@@ -15,6 +15,7 @@
 //! pictures more than there are threads wait, 8 bits a color; of a large one only those parts are
 //! converted that are looked at. All estimates are held; the files of frames in doubt are read once more.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -195,7 +196,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
                 return Ok((done, Some(error)));
             }
         };
-        let picture = self.upright(picture)?;
+        let picture = self.prepared(picture)?;
         let image = picture.view()?;
         done.size = Some([image.width(), image.height()]);
         let prior = match self.prior(&done.path, &image)? {
@@ -242,7 +243,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
             let (Some(k), Ok(picture)) = (number, frame.picture) else {
                 return Ok(None);
             };
-            let picture = self.upright(picture)?;
+            let picture = self.prepared(picture)?;
             let Some(found) = work(k, picture.view()?, worker) else {
                 return Ok(None);
             };
@@ -259,22 +260,30 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
         Ok(changed.collect())
     }
 
-    /// A picture as the camera would show it without a mirror.
-    pub fn upright(&self, picture: Picture) -> Result<Picture> {
-        match self.config.mirrored {
-            true => picture.mirrored(),
-            false => Ok(picture),
+    /// A picture as it is estimated: without a mirror, its dots darker than the ball.
+    pub fn prepared(&self, mut picture: Picture) -> Result<Picture> {
+        if self.config.mirrored {
+            picture = picture.mirrored()?;
         }
+        if self.config.bright_dots {
+            picture = picture.negative()?;
+        }
+        Ok(picture)
     }
 
     fn keep(&self, picture: &Picture, balls: &[BallEstimate]) -> Result<O::Kept> {
         if !self.observer.wants_images() {
             return Ok(O::Kept::default());
         }
-        let image = picture.view()?;
+        // Shown is what the camera saw.
+        let seen = match self.config.bright_dots {
+            true => Cow::Owned(picture.clone().negative()?),
+            false => Cow::Borrowed(picture),
+        };
+        let image = seen.view()?;
         let is_large = image.width() * image.height() > MAX_THOROUGH;
         let alone = || self.large.lock().unwrap_or_else(PoisonError::into_inner);
         let _alone = is_large.then(alone);
-        self.observer.keep(&*picture.to_rgb()?, balls)
+        self.observer.keep(&*seen.to_rgb()?, balls)
     }
 }

@@ -11,6 +11,7 @@ use crate::calibrate::{CalibrationConfig, KnownDots, MissingSide, Survey, Unknow
 use crate::cli::images::ImageArguments;
 use crate::cli::pipe::Pipe;
 use crate::error::{Error, Result};
+use crate::image::Picture;
 use crate::source::Frame;
 use crate::vision::Prior;
 
@@ -99,6 +100,10 @@ fn filmed(
             }
             Err(problem) => return Err(problem),
         };
+        if images.bright_dots {
+            let picture = std::mem::replace(&mut frame.picture, Ok(Picture::default()));
+            frame.picture = picture.and_then(Picture::negative);
+        }
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;
         let view = picture.view()?;

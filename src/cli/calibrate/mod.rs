@@ -206,6 +206,7 @@ impl Arguments {
             outline,
             circles,
             roi: self.images.roi()?,
+            bright_dots: self.images.bright_dots,
             clock: self.images.clock(&self.times)?,
             max_pixels: self.images.max_pixels,
             ..BatchConfig::default()

@@ -399,7 +399,11 @@ impl<'a> Report<'a> {
             0 => Some(self.verdict.rejection().unwrap_or_else(|| {
                 let first = self.batch.frames.first();
                 let why = first.map(|f| words(f.estimate())).unwrap_or_default();
-                format!("none of {count} frames is identified; the first: {why}")
+                let negative = match self.arguments.asked.source.bright_dots {
+                    true => "",
+                    false => " (a dark ball with bright dots: --config bright_dots=true)",
+                };
+                format!("none of {count} frames is identified; the first: {why}{negative}")
             })),
             _ => None,
         }
