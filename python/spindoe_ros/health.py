@@ -120,7 +120,7 @@ class Health:
             return WARN, "no images", "no images"
         off_s = median(self._ages_s)
         if abs(off_s) > MAX_AGE_S:
-            words = f"the images' stamps are {off_s:.0f} s behind the node's clock: expected one clock (use_sim_time for bags)"
+            words = f"the images' stamps and the node's clock are {abs(off_s):.0f} s apart: expected one (use_sim_time for bags)"
             return WARN, "clock", words
         if camera_missing:
             return WARN, "no camera", (

@@ -6,7 +6,7 @@ import array
 import importlib
 import time
 import warnings
-from dataclasses import MISSING, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -97,7 +97,6 @@ class SpinNode(Node):  # type: ignore[misc]
         self, name: str, default: Any, description: str, limits: Any = None, is_fixed: bool = False
     ) -> Any:
         """Declares a parameter; its value."""
-        assert default is not MISSING, name
         described = ParameterDescriptor(description=description, read_only=is_fixed)
         if isinstance(default, int) and limits:
             low, high = limits

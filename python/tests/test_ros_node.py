@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import itertools
 import sys
@@ -116,6 +117,42 @@ def report(world):
     sent = world.publisher("/diagnostics").sent[-1]
     (status,) = sent.status
     return status
+
+
+@both
+def test_the_stand_in_refuses_what_ros_refuses(world):
+    """Else nothing below says anything."""
+    pose = message(world, "geometry_msgs/PoseWithCovariance")
+    image, status = message(world, "sensor_msgs/Image"), message(world, "diagnostic_msgs/DiagnosticStatus")
+    for one, field, value in [
+        (pose.pose.position, "x", 1), (pose, "covariance", np.zeros(36, np.float32)), (pose, "covariance", np.zeros(35)),
+        (pose, "covariance", [0] * 36), (pose, "pose", message(world, "geometry_msgs/Point")), (status, "level", 1),
+        (image, "data", np.zeros(3, np.uint8)), (image, "height", np.int64(3)), (image, "height", -1), (image, "height", 2.0),
+        (image, "encoding", b"mono8"), (status, "values", [image]), (pose.pose, "header", None),
+    ]:
+        with pytest.raises((AssertionError, AttributeError)):
+            setattr(one, field, value)
+    with pytest.raises(TypeError):
+        world.definitions["std_msgs/msg/Header"](message(world, "builtin_interfaces/Time"), "camera")
+    node = sys.modules["rclpy.node"].Node("n")
+    descriptor = message(world, "rcl_interfaces/ParameterDescriptor")
+    whole = message(world, "rcl_interfaces/IntegerRange", from_value=1, to_value=9, step=2)
+    with pytest.raises(AssertionError, match="length <= 1"):
+        descriptor.integer_range = [whole, whole]
+    descriptor.integer_range = [whole]
+    for name, value in [("use_sim_time", True), ("even", 4), ("large", 11)]:
+        with pytest.raises(ros.ParameterException):
+            node.declare_parameter(name, value, descriptor)
+    for level in ("info", "info", "error"):
+        words = pytest.raises(ValueError, match="severity") if level == "error" else contextlib.nullcontext()
+        with words:
+            getattr(node.get_logger(), level)("said at one place")
+    with pytest.raises(AssertionError, match="is an attribute of rclpy's Node"):
+        node._timers = []
+    publisher = node.create_publisher(world.definitions["sensor_msgs/msg/Image"], "image", 1)
+    with pytest.raises(TypeError):
+        publisher.publish(status)
+    assert not ros.agree(ros.sensor_data(), publisher.qos) and ros.agree(publisher.qos, ros.sensor_data())
 
 
 @both
@@ -506,7 +543,7 @@ def test_diagnostics_of_another_clock(world, clip):
     for one in images(world, clip[:4]):
         world.send("/image", one)
     status = report(world)
-    assert status.level == status.WARN and "86400 s behind" in status.message and "use_sim_time" in status.message
+    assert status.level == status.WARN and "86400 s apart" in status.message and "use_sim_time" in status.message
 
 
 def test_diagnostics_of_a_ball_that_is_not_this_one(world, clip):
