@@ -98,8 +98,7 @@ class Answer:
     @property
     def reason(self) -> str:
         """Why something is missing."""
-        missing = [found.reason for found in (self.pose, self.spin) if not found]
-        return "; ".join([*missing, self.note] if missing and self.note else missing)
+        return "; ".join(missing.reason for missing in (self.pose, self.spin) if not missing)
 
     def frame_id_of(self, found: spindoe.Pose | spindoe.Spin) -> str:
         """The name of the frame of a pose or spin: that of the camera, or one made of it."""

@@ -73,7 +73,7 @@ class Health:
         self._seconds.append(seconds)
         self._ages_s.append(age_s)
         if not answer.pose:
-            self._reasons["; ".join(filter(None, [answer.pose.reason, answer.note]))] += 1
+            self._reasons[answer.pose.reason] += 1
         now = nanoseconds(answer.stamp)
         step = now - self._last_ns if self._last_ns is not None else 0
         self._last_ns = now
