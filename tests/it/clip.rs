@@ -249,3 +249,46 @@ fn a_mirrored_stream_is_read_as_its_camera_saw_it() {
     );
     assert_eq!(lines("m", &["--mirrored"]), direct);
 }
+
+#[test]
+fn dark_balls_with_bright_dots_are_read_as_negatives() {
+    let dir = tempfile::tempdir().unwrap();
+    let make = ["synth", "dots20", "--frames", "4", "--seed", "4", "-o", "c"];
+    done(dir.path(), &make);
+    let folder = dir.path().join("dark");
+    std::fs::create_dir(&folder).unwrap();
+    let mut images: Vec<PathBuf> = std::fs::read_dir(dir.path().join("c/images"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    images.sort();
+    let mut stream = Vec::new();
+    for path in &images {
+        // Made by another library.
+        let mut negative = image::open(path).unwrap();
+        negative.invert();
+        let to = folder.join(path.file_name().unwrap());
+        negative.save(&to).unwrap();
+        stream.extend(std::fs::read(to).unwrap());
+    }
+    std::fs::write(dir.path().join("stream"), stream).unwrap();
+    let bright = ["--config", "bright_dots=true"];
+    let rows = |images: &str, flags: &[&str]| {
+        let asked = ["estimate", "--table", "c/table.npz", images];
+        done(dir.path(), &[&asked[..], flags].concat())
+    };
+    let direct = rows("c/images", &[]);
+    assert_eq!(direct.lines().count(), 5, "{direct}");
+    assert_eq!(rows("dark", &bright), direct);
+    // As they are they show no dots, and the reason says what to do.
+    let asked = ["estimate", "--table", "c/table.npz", "dark"];
+    crate::common::refused(dir.path(), &asked, 3, "bright_dots=true");
+    // A stream likewise.
+    let live = ["live", "--table", "c/table.npz", "stream", "--fps", "350"];
+    let lines = done(dir.path(), &[&live[..], &bright].concat());
+    let poses = lines.lines().map(|line| {
+        let line: Value = serde_json::from_str(line).unwrap();
+        usize::from(line["confidence"].is_number())
+    });
+    assert_eq!(poses.sum::<usize>(), 4, "{lines}");
+}

@@ -46,9 +46,8 @@ impl Estimator {
             ws.detected.clone_from(&out.dots);
             ws.named.clone_from(&out.assignment);
             let outline = out.outline.map(|outline| outline.circle);
-            out.axis = outline.and_then(|circle| {
-                Axis::of_picture(image.width(), image.height(), &circle)
-            });
+            out.axis =
+                outline.and_then(|circle| Axis::of_picture(image.width(), image.height(), &circle));
             let seen = self.place_by_pixels(image, ws, out);
             let refined = seen.and_then(|rim| self.refine_sharpened(&pose, rim, ws, out));
             if refined.is_none() {
