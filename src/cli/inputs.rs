@@ -93,7 +93,7 @@ impl<O: BatchObserver> BatchObserver for Counting<O> {
 
 /// Frames a second beyond which names may be in microseconds: few cameras are faster.
 const FASTEST_FPS: f64 = 2e4;
-/// Skipped files that are named.
+/// Skipped files, or clips, that are named.
 const MAX_NAMED: usize = 5;
 
 /// What is to be said of the inputs.
@@ -162,21 +162,23 @@ pub(super) fn say_not_increasing<K>(batch: &Batch<K>, inputs: &[PathBuf], so: &s
         return;
     }
     let (frames, files) = (&batch.frames, files_of(batch));
-    let back = (1..frames.len()).filter(|k| frames[*k].time_s <= frames[k - 1].time_s);
-    let mut within = back.filter_map(|k| {
+    let mut back = (1..frames.len()).filter(|k| frames[*k].time_s <= frames[k - 1].time_s);
+    let within = back.find_map(|k| {
         let [from, to] = [k - 1, k].map(|k| input_of(inputs, &files[k]));
         from.filter(|_| from == to)
     });
-    match within.next() {
-        Some(input) => errln!(
-            "note: the times of {} do not increase from frame to frame: {so}",
+    let what = match within {
+        Some(input) => format!(
+            "the times of {} do not increase from frame to frame",
             input.display()
         ),
-        None => errln!(
-            "note: the times do not increase from one of the {} inputs to the next: {so}",
+        None if are_clips(inputs, &files) => format!(
+            "the times do not increase from one of the {} inputs to the next",
             inputs.len()
         ),
-    }
+        None => "the times do not increase from frame to frame".to_owned(),
+    };
+    errln!("note: {what}: {so}");
 }
 
 /// The file of each frame.
@@ -204,31 +206,45 @@ pub(super) fn named(inputs: &[PathBuf]) -> PathBuf {
     }
 }
 
-/// A frame's name, with that of its input where there are several.
-pub(super) fn name_among(inputs: &[PathBuf], name: &str, file: &Path) -> String {
-    match input_of(inputs, file) {
-        Some(input) if inputs.len() > 1 => format!("{name} of {}", input.display()),
-        _ => name.to_owned(),
-    }
+/// Whether inputs are clips, rather than the frames of one.
+fn are_clips(inputs: &[PathBuf], files: &[PathBuf]) -> bool {
+    (2..files.len()).contains(&inputs.len())
 }
 
-/// Of several inputs, how many frames of each are what `what` says, as the end of a sentence; nothing of one.
+/// The names of all frames, with those of their clips where there are several.
+pub(super) fn names<K>(batch: &Batch<K>, inputs: &[PathBuf]) -> Vec<String> {
+    let files = files_of(batch);
+    let are_clips = are_clips(inputs, &files);
+    let named = batch.frames.iter().zip(&files).map(|(frame, file)| {
+        let input = input_of(inputs, file).filter(|_| are_clips);
+        let of = input.map_or(String::new(), |input| format!(" of {}", input.display()));
+        format!("{}{of}", frame.name)
+    });
+    named.collect()
+}
+
+/// Of several inputs, how many frames of each are what `what` says, as the end of a sentence; nothing of one, and where all are.
 pub(super) fn by_input(
     inputs: &[PathBuf],
     files: &[PathBuf],
     what: &str,
     is: impl Fn(usize) -> bool,
 ) -> String {
-    if inputs.len() < 2 || files.is_empty() {
+    if !are_clips(inputs, files) || (0..files.len()).all(&is) {
         return String::new();
     }
     let count = |input: &PathBuf| {
         let own = (0..files.len()).filter(|k| input_of(inputs, &files[*k]) == Some(input));
         let (are, of) = own.fold((0, 0), |(are, of), k| (are + usize::from(is(k)), of + 1));
-        format!("{are} of {of} of {}", input.display())
+        format!("{} {are} of {of}", input.display())
     };
-    let each: Vec<String> = inputs.iter().map(count).collect();
-    format!("; frames {what}: {}", each.join(", "))
+    let each: Vec<String> = inputs.iter().take(MAX_NAMED).map(count).collect();
+    let more = if inputs.len() > MAX_NAMED {
+        ", ..."
+    } else {
+        ""
+    };
+    format!("; frames {what}: {}{more}", each.join(", "))
 }
 
 /// Where the times came from, and what is to be done where they are missing or doubtful.

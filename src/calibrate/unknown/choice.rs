@@ -151,12 +151,12 @@ mod tests {
         assert_eq!(number.check(18, 0), Ok(()));
         assert_eq!(number.check(18, 1), Ok(()));
         for (known, likely) in [(&KnownDots::Nothing, 18), (&number, 17), (&number, 19)] {
-            let words = known.check(likely, 1).unwrap_err().to_string();
+            let words = known.check(likely, 1).expect_err("a refusal").to_string();
             let said =
                 format!("1 mark may be a dot or print, beside {likely} marks that look like dots");
             assert!(words.starts_with(&said), "{words}");
         }
-        let words = number.check(19, 0).unwrap_err().to_string();
+        let words = number.check(19, 0).expect_err("a refusal").to_string();
         assert_eq!(
             words,
             "expected 18 dots, the clip shows 19 marks that look like dots"

@@ -9,7 +9,7 @@ use crate::calibrate::{
     BuiltPattern, Calibration, CalibrationConfig, KnownDots, MarkedSurface, MissingSide,
     SurfaceObserver, Survey, UnknownRejection, calibrate_built, matching_design, survey,
 };
-use crate::cli::inputs::{self, Counting, by_input, name_among};
+use crate::cli::inputs::{self, Counting, by_input};
 use crate::cli::output::{command_line, is_quiet};
 use crate::clip::{self, BatchConfig};
 use crate::error::{Error, Result, are, counted};
@@ -73,10 +73,7 @@ pub(super) fn find(
     observer.finish();
     inputs::say(&batch, &settings)?;
     let files = inputs::files_of(&batch);
-    let named = batch.frames.iter().zip(&files);
-    let names: Vec<String> = named
-        .map(|(frame, file)| name_among(&arguments.clip, &frame.name, file))
-        .collect();
+    let names = inputs::names(&batch, &arguments.clip);
     let frames = batch.frames.iter_mut();
     let frames = frames.map(|f| (f.take_estimate(), std::mem::take(&mut f.kept)));
     let (frames, shown): (Vec<FrameEstimate>, Vec<PaintedFrame>) = frames.unzip();
