@@ -390,7 +390,7 @@ fn report_usage(error: &clap::Error, arguments: &[OsString]) -> u8 {
 fn usage_line(error: &clap::Error) -> String {
     // The ball is named as where a command itself misses it.
     let text = error.to_string();
-    let text = text.replace("--table <TABLE.npz>", "--table dots20 or --table my-ball,");
+    let text = text.replace("--table <TABLE.npz>", "--table dots20 (or my-ball)");
     let mut paragraphs = text.split("\n\n");
     let first = paragraphs.next().unwrap_or_default();
     let tips = paragraphs.flat_map(str::lines);

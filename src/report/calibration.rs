@@ -54,9 +54,11 @@ pub struct DotReport {
     pub sigma_deg: f64,
     /// Frames that saw it.
     pub views: usize,
-    /// Those of them that it faced well.
+    /// Frames that it faced well.
+    pub facing_frames: usize,
+    /// Those of them that saw it.
     pub facing_views: usize,
-    /// Frames that it faced well and that should have seen it, at the rate of the other dots.
+    /// Those of them that should have, at a cautious estimate of the rate of the other dots.
     pub expected_views: f64,
     /// Its number in `marks.png`, of a ball without a table.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -233,6 +235,7 @@ pub fn evaluate_calibration(
             offset_deg: dot.offset_rad().to_degrees(),
             sigma_deg: dot.sigma_rad().to_degrees(),
             views: dot.views,
+            facing_frames: dot.facing_frames,
             facing_views: dot.facing_views,
             expected_views: dot.expected_views,
             mark: None,
@@ -495,18 +498,19 @@ impl CalibrationReport {
     /// The offsets of the dots as CSV: along the meridian towards +z, and to the east of it.
     pub fn offsets_csv(&self) -> String {
         let mut text =
-            "dot,number,state,offset_deg,north_deg,east_deg,sigma_deg,views,facing_views,expected_views\n"
+            "dot,number,state,offset_deg,north_deg,east_deg,sigma_deg,views,facing_frames,facing_views,expected_views\n"
                 .to_owned();
         for dot in &self.dots {
             let [north, east] = dot.compass_deg();
             let number = dot.number.map_or(String::new(), |n| n.to_string());
             let state = dot.state.as_str();
             text += &format!(
-                "{},{number},{state},{:.4},{north:.4},{east:.4},{:.4},{},{},{:.1}\n",
+                "{},{number},{state},{:.4},{north:.4},{east:.4},{:.4},{},{},{},{:.1}\n",
                 dot.nominal_number,
                 dot.offset_deg,
                 dot.sigma_deg,
                 dot.views,
+                dot.facing_frames,
                 dot.facing_views,
                 dot.expected_views
             );

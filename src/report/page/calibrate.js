@@ -112,8 +112,7 @@ function drawnWords(d, i) {
     lines.push(`standard deviation ${fixed(p.sigma_deg, 2)}\u00b0 per axis`);
   }
   lines.push(
-    `seen in ${p.views} frame${p.views === 1 ? "" : "s"}`,
-    `facing the camera in ${p.facing_views}, expected ${fixed(p.expected_views, 0)}`,
+    `seen in ${p.views} frame${p.views === 1 ? "" : "s"}, in ${p.facing_views} of the ${p.facing_frames} in which it faces the camera`,
   );
   if (p.number !== null && p.number !== p.nominal_number)
     lines.push(`dot ${p.number} of the calibrated pattern`);
@@ -354,20 +353,20 @@ function coverageSection(d) {
   const charts = el("div", { class: "two" });
   charts.append(
     curves({
-      title: "Frames that show each dot facing the camera",
+      title: "Frames in which each dot faces the camera",
       x: { label: "dot" },
       y: { label: "frames", low: 0, format: (v) => fixed(v, 0) },
       series: [
         { name: "found", color: "var(--c0)", line: false, points: of((p) => p.facing_views) },
         {
-          name: "expected at the rate of the others",
+          name: "in which it faces the camera",
           color: "var(--c1)",
           line: false,
           r: 2.2,
-          points: of((p) => p.expected_views),
+          points: of((p) => p.facing_frames),
         },
       ],
-      note: "Few frames: turn the ball so that this dot faces the camera, and film again. Expected but not found: the dot is missing or hidden.",
+      note: "Few frames: turn the ball so that this dot faces the camera, and film again. Facing but not found: the dot is missing or hidden.",
     }),
     curves({
       title: "How well each dot is known",
@@ -494,7 +493,6 @@ function drawnDots(d, ball) {
       "sigma",
       "frames",
       "facing",
-      "expected",
     ],
     d.dots.map((p, i) => {
       const angle = (v) => (isSeen(p) ? fixed(v, 2) + "\u00b0" : "\u2013"),
@@ -507,8 +505,7 @@ function drawnDots(d, ball) {
           : [number(p.mark)]),
         p.state === "missing" ? "\u2013" : fixed(p.sigma_deg, 2) + "\u00b0",
         String(p.views),
-        String(p.facing_views),
-        fixed(p.expected_views, 0),
+        `${p.facing_views} of ${p.facing_frames}`,
       ];
     }),
   );
@@ -522,7 +519,7 @@ function drawnDots(d, ball) {
     (designed
       ? "The same values are in offsets.csv."
       : "Dots are numbered as in pattern.csv and dots.png. Marks are numbered as in marks.png, by their likeness to a dot and before it is known which of them are dots: use these numbers with --marks only.") +
-      " frames: those that show the dot; facing: those of them in which it faces the camera well; expected: as many as should, at the rate of the other dots.",
+      " frames: those that show the dot; facing: of those in which it faces the camera well, how many show it.",
   ).append(made);
 }
 
