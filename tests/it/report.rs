@@ -176,7 +176,7 @@ fn a_calibration_has_a_page_of_its_own() {
         (
             "\"format_version\": 4",
             "\"format_version\": 99",
-            "expected version 3, found 99",
+            "expected version 4, found 99",
         ),
         ("\"views\"", "\"looks\"", "views"),
         (

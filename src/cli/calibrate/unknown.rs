@@ -142,7 +142,7 @@ pub(super) fn say_left_out(arguments: &Arguments, marks: usize) {
     let is_left_out = marks > 0 && arguments.marks.is_none();
     if let (Some(dots), true) = (arguments.dots, is_left_out) {
         errln!(
-            "note: as many marks look like dots as --dots says ({dots}): {} that may be {} left out",
+            "note: as many marks look like dots as --dots says ({dots}): {} in doubt {} left out",
             counted(marks, "mark"),
             are(marks)
         );
