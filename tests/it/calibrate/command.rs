@@ -219,8 +219,8 @@ fn what_cannot_be_calibrated_exits_with_a_word() {
     assert_eq!(found.status.code(), Some(3), "{words}");
     for said in [
         "spindoe: clip-other-pattern/images, three/images: ",
-        " of 12 of clip-other-pattern/images, ",
-        " of 3 of three/images",
+        "; frames identified: clip-other-pattern/images ",
+        " of 12, three/images ",
     ] {
         assert!(words.contains(said), "{words}");
     }
