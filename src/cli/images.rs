@@ -276,8 +276,8 @@ pub(super) fn read_ball(path: &Path) -> Result<Ball> {
     })
 }
 
-/// The balls of several files; two must not have the same pattern, rotated or not, since images cannot tell
-/// which it is.
+/// The balls of several files; two must not have the same pattern, rotated or not, since images cannot
+/// distinguish them.
 pub(super) fn read_balls(paths: &[PathBuf]) -> Result<Vec<Ball>> {
     let mut balls: Vec<Ball> = Vec::new();
     for path in paths {

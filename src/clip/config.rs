@@ -1,4 +1,4 @@
-//! What a clip's pass is told: where the ball is, where the times come from, what may be spent.
+//! The settings of a clip's pass: where the ball is, where the times come from, what may be spent.
 
 use std::path::PathBuf;
 

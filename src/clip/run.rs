@@ -124,7 +124,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
         let read = self.each(reading, alone, |(frame, error)| {
             frames.push(frame);
             first_error = first_error.take().or(error);
-            self.observer.progress(frames.len());
+            self.observer.progress(&frames);
         })?;
         // A file that is no image is a rejected frame among others, and an error alone.
         let is_hopeless = frames.iter().all(|f| f.unreadable.is_some());

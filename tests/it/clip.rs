@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::Value;
-use spindoe::clip::{self, BallEstimate, Batch, BatchConfig, BatchObserver, Work};
+use spindoe::clip::{self, BallEstimate, Batch, BatchConfig, BatchFrame, BatchObserver, Work};
 use spindoe::geometry::CameraFrame;
 use spindoe::image::RgbImage;
 use spindoe::spin::orientations::{OrientationReader, Orientations};
@@ -23,7 +23,7 @@ impl BatchObserver for Counted {
         Ok(())
     }
 
-    fn progress(&self, _: usize) {
+    fn progress(&self, _: &[BatchFrame<()>]) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 }

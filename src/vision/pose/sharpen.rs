@@ -2,7 +2,7 @@
 //!
 //! The net sees a ball in 64 x 64 cells, whatever the image holds of it. Once the dots have names, each is fitted as a
 //! [cap](crate::vision::dots::cap) in the image, and the pose is refined on these places. How far the dots are drawn from the
-//! pattern's is then estimated with it: well-drawn dots tell center, radius and distance better than the outline does.
+//! pattern's is then estimated with it: well-drawn dots give center, radius and distance better than the outline does.
 
 use std::time::Instant;
 
