@@ -15,7 +15,6 @@
 //! pictures more than there are threads wait, 8 bits a color; of a large one only those parts are
 //! converted that are looked at. All estimates are held; the files of frames in doubt are read once more.
 
-use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -275,15 +274,10 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
         if !self.observer.wants_images() {
             return Ok(O::Kept::default());
         }
-        // Shown is what the camera saw.
-        let seen = match self.config.bright_dots {
-            true => Cow::Owned(picture.clone().negative()?),
-            false => Cow::Borrowed(picture),
-        };
-        let image = seen.view()?;
+        let image = picture.view()?;
         let is_large = image.width() * image.height() > MAX_THOROUGH;
         let alone = || self.large.lock().unwrap_or_else(PoisonError::into_inner);
         let _alone = is_large.then(alone);
-        self.observer.keep(&*seen.to_rgb()?, balls)
+        self.observer.keep(&*picture.to_rgb()?, balls)
     }
 }

@@ -233,12 +233,15 @@ pub fn frame_count(source: &Source) -> Option<usize> {
     }
     let mut start = Vec::new();
     let file = std::fs::File::open(path).ok()?;
+    if file.metadata().ok()?.len() > MAX_COUNTED {
+        return None;
+    }
     file.take(animation::START).read_to_end(&mut start).ok()?;
     let is_tiff = stack::is_tiff(&start);
     if !is_tiff && !animation::may_be(&start) {
         return Some(1);
     }
-    let bytes = crate::files::read_at_most(path, MAX_SEVERAL).ok()?;
+    let bytes = crate::files::read_at_most(path, MAX_COUNTED).ok()?;
     match is_tiff {
         true => Some(stack::pages(&bytes).len()),
         false => animation::pictures(&bytes),
@@ -259,6 +262,8 @@ enum Several {
     Animation(Animation),
 }
 
+/// Bytes of the largest file whose pictures are counted beforehand.
+const MAX_COUNTED: u64 = 64 << 20;
 /// Bytes of the largest file of several pictures.
 const MAX_SEVERAL: u64 = 4 << 30;
 

@@ -283,6 +283,14 @@ fn dark_balls_with_bright_dots_are_read_as_negatives() {
     // As they are they show no dots, and the reason says what to do.
     let asked = ["estimate", "--table", "c/table.npz", "dark"];
     crate::common::refused(dir.path(), &asked, 3, "bright_dots=true");
+    // Where there is no ball that is no reason.
+    let empty = dir.path().join("empty.png");
+    let gray = RgbImage::new(80, 80, vec![[0.4; 3]; 6_400]).unwrap();
+    gray.write_png(&empty).unwrap();
+    let asked = ["estimate", "--table", "c/table.npz", "empty.png"];
+    let output = spindoe(dir.path(), &asked);
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(!error.contains("bright_dots"), "{error}");
     // A stream likewise.
     let live = ["live", "--table", "c/table.npz", "stream", "--fps", "350"];
     let lines = done(dir.path(), &[&live[..], &bright].concat());

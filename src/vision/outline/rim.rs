@@ -122,7 +122,9 @@ impl RimFitter {
             view: &view,
             ..*pixels
         };
-        let again = self.fit_once(&moved, shape)?;
+        let Some(again) = self.fit_once(&moved, shape) else {
+            return Some(found);
+        };
         let change = found.change + again.change;
         (change.amax() < MAX_CHANGE).then_some(RimFit { change, ..again })
     }

@@ -183,7 +183,11 @@ impl TrustMap {
         };
         let probability = 1.0 / (1.0 + (-ln_odds).exp());
         let is_any = evidence.is_of_detections() && evidence.named <= ANY_DOTS;
-        probability.min(if is_any { EVEN } else { 1.0 })
+        if is_any && probability > EVEN {
+            EVEN
+        } else {
+            probability
+        }
     }
 }
 
