@@ -53,7 +53,8 @@ class Calibration:
     views: Ints
     """Frames in which each was found, shape (n,)."""
     expected_views: Floats
-    """Frames in which it would be found at the rate of the other dots, shape (n,)."""
+    """Frames in which it would be found, facing the camera well, at the rate of the other dots, shape (n,). It does
+    not count the ball's edge, `views` does."""
     numbers: Ints
     """Its number in `pattern`, -1 where it is missing; shape (n,)."""
     marks: tuple[SteadyMark, ...]

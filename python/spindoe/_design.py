@@ -11,7 +11,7 @@ from typing import Any, Literal
 from . import _native
 from ._common import Progress, progress_of, settings_json
 from ._pattern import HashTable, KeepOut, PathLike, Pattern, Tabled, as_table
-from ._recognize import ProtocolName, RecognizerName
+from ._recognize import ProtocolName, RecognizerName, check_recognizer
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +80,7 @@ def validate(
         sigma_rad: Noise instead of the protocol's, radians.
         progress: True shows a bar (with `tqdm`); a function is called with (done, total).
     """
+    check_recognizer(recognizer)
     show, bar = progress_of(progress, samples, "trial")
     try:
         native = as_table(table)._handle
@@ -205,7 +206,8 @@ class Design:
     """Formats in which the ball, its features, its rates and the search are drawn too."""
 
     def __post_init__(self) -> None:
-        # A value outside its domain is reported here, not once the search begins.
+        # A value outside its domain is reported here, not once the search begins. Files of before have another name.
+        check_recognizer(self.recognizer)
         self._job(self.out)
 
     def _job(self, folder: PathLike, *, is_unlimited: bool = False) -> _native.DesignJob:

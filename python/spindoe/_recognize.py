@@ -209,10 +209,11 @@ class PaperSettings(TypedDict, total=False):
     """The sum that forms a basis' score."""
 
 
-def no_recognizer(name: str) -> ValueError:
-    """The error of a name that no recognizer has."""
-    renamed = "; the paper's recognizer is now voting" if name == "paper" else ""
-    return ValueError(f"recognizer: expected robust or voting, found {name!r}{renamed}")
+def check_recognizer(name: str) -> None:
+    """Raises for a name that no recognizer has."""
+    if name not in ("robust", "voting"):
+        renamed = "; the paper's recognizer is now voting" if name == "paper" else ""
+        raise ValueError(f"recognizer: expected robust or voting, found {name!r}{renamed}")
 
 
 class Recognizer:
@@ -271,11 +272,12 @@ class Recognizer:
         self.table = as_table(table)
         self._arguments = (recognizer, expect, sigma_rad, min_confidence, settings)
         native = self.table._handle
+        check_recognizer(recognizer)
         if recognizer == "robust":
             given = settings_json(settings)
             least = _native.MIN_CONFIDENCE_DOTS if min_confidence is None else min_confidence
             self._handle = _native.Recognizer.robust(native, expect, given, sigma_rad, least)
-        elif recognizer == "voting":
+        else:
             if expect is not None:
                 raise ValueError("expect: the paper's recognizer has no expectations")
             names = PaperSettings.__annotations__
@@ -294,8 +296,6 @@ class Recognizer:
                 sigma_rad,
                 0.0 if min_confidence is None else min_confidence,
             )
-        else:
-            raise no_recognizer(recognizer)
 
     @property
     def settings(self) -> dict[str, Any]:

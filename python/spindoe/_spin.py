@@ -256,7 +256,7 @@ def fit_spin(
         order: Of the numbers of a quaternion: ``"wxyz"`` as everywhere here, ``"xyzw"`` as in SciPy
             and ROS.
         confidences: Probability of each orientation to be correct, shape (n,).
-        residuals_rad: Residual of the dots of each orientation, radians, shape (n,). They tell of the
+        residuals_rad: Residual of the dots of each orientation, radians, shape (n,). They show the
             errors that frames share, which widen the covariance; without them it is too small for
             hand-drawn dots.
         matched: Number of dots behind each orientation, shape (n,); with the residuals the frames'

@@ -39,7 +39,7 @@ from ._draw import discs
 from ._frame import FrameEstimate
 from ._image import Color, Image, frames_of, pixels
 from ._pattern import HashTable, PathLike, Pattern, Tabled, as_ball
-from ._recognize import Identification, Recognizer, no_recognizer
+from ._recognize import Identification, Recognizer, check_recognizer
 from ._vision import Estimator, EstimatorSettings
 
 if TYPE_CHECKING:
@@ -140,8 +140,7 @@ class BayGeoHasher:
             "alpha": float(self.projection_ll_scale),
             "verify_fraction": 1.0 - self.upper_score_perc / 100.0,
         }
-        if self.recognizer not in ("robust", "voting"):
-            raise no_recognizer(self.recognizer)
+        check_recognizer(self.recognizer)
         state = (self.recognizer, tuple(paper.values()), self.min_feature_dist, self.threshold)
         if self._made is None or self._made[0] != state:
             if self.recognizer == "voting":

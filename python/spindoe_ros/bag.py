@@ -11,19 +11,46 @@ import argparse
 import shutil
 import sys
 import tempfile
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import spindoe
+import numpy as np
+from numpy.typing import NDArray
+
 from spindoe._common import optional
 
+from . import messages
 from .core import Answer, Settings, SpinCore
+from .health import most
 
 POSE = "/ball/pose"
 TWIST = "/ball/twist"
 OVERLAY = "/ball/overlay"
-IMAGE = "sensor_msgs/msg/Image"
-IMAGES = (IMAGE, "sensor_msgs/msg/CompressedImage")
+IMAGES = (messages.IMAGE, "sensor_msgs/msg/CompressedImage")
+
+
+class BagMessages:
+    """Makes messages of the classes of rosbags.
+
+    Args:
+        types: Those of a type store, by name.
+    """
+
+    def __init__(self, types: Any) -> None:
+        self._types = types
+
+    def make(self, kind: str, **fields: Any) -> Any:
+        """A message with all its fields."""
+        return self._types[kind](**fields)
+
+    def octet(self, value: int) -> int:
+        """A value of type ``byte``."""
+        return value
+
+    def octets(self, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Values of type ``uint8[]``."""
+        return values
 
 
 def process(
@@ -70,6 +97,7 @@ def _process(
     types = optional("rosbags.typesys", "ros")
     store = types.get_typestore(types.Stores.ROS2_HUMBLE)
     kind = rosbag2.StoragePlugin.MCAP
+    filled = BagMessages(store.types)
     answers = []
     with rosbag2.Reader(source) as reader, rosbag2.Writer(target, version=9, storage_plugin=kind) as writer:
         connections = [c for c in reader.connections if c.topic == topic and c.msgtype in IMAGES]
@@ -81,9 +109,9 @@ def _process(
             return writer.add_connection(name, kind, typestore=store)
 
         images = connection_of(topic, connections[0].msgtype)
-        poses = connection_of(POSE, "geometry_msgs/msg/PoseWithCovarianceStamped")
-        twists = connection_of(TWIST, "geometry_msgs/msg/TwistWithCovarianceStamped")
-        overlays = connection_of(OVERLAY, IMAGE) if overlay else None
+        poses = connection_of(POSE, messages.POSE)
+        twists = connection_of(TWIST, messages.TWIST)
+        overlays = connection_of(OVERLAY, messages.IMAGE) if overlay else None
 
         def write(connection: Any, time_ns: int, message: Any) -> None:
             writer.write(connection, time_ns, store.serialize_cdr(message, message.__msgtype__))
@@ -101,40 +129,12 @@ def _process(
             answers.append(answer)
             writer.write(images, time_ns, raw)
             if answer.pose:
-                write(poses, time_ns, _pose(store.types, message.header, answer, answer.pose))
+                write(poses, time_ns, messages.pose(filled, answer, answer.pose))
             if answer.spin:
-                write(twists, time_ns, _twist(store.types, message.header, answer, answer.spin))
+                write(twists, time_ns, messages.twist(filled, answer, answer.spin))
             if overlays is not None:
-                write(overlays, time_ns, _overlay(store.types, message.header, answer))
+                write(overlays, time_ns, messages.overlay(filled, answer))
     return answers
-
-
-def _header(types: Any, header: Any, frame_id: str) -> Any:
-    return types["std_msgs/msg/Header"](header.stamp, frame_id)
-
-
-def _pose(types: Any, header: Any, answer: Answer, found: spindoe.Pose) -> Any:
-    named = _header(types, header, answer.frame_id_of(header.frame_id, found))
-    point = types["geometry_msgs/msg/Point"](*map(float, answer.position()))
-    w, x, y, z = map(float, found.quaternion_wxyz)
-    pose = types["geometry_msgs/msg/Pose"](point, types["geometry_msgs/msg/Quaternion"](x, y, z, w))
-    known = types["geometry_msgs/msg/PoseWithCovariance"](pose, answer.pose_covariance())
-    return types["geometry_msgs/msg/PoseWithCovarianceStamped"](named, known)
-
-
-def _twist(types: Any, header: Any, answer: Answer, found: spindoe.Spin) -> Any:
-    named = _header(types, header, answer.frame_id_of(header.frame_id, found))
-    vector = types["geometry_msgs/msg/Vector3"]
-    linear, angular = vector(0.0, 0.0, 0.0), vector(*map(float, found.spin_rad_s))
-    twist = types["geometry_msgs/msg/Twist"](linear, angular)
-    known = types["geometry_msgs/msg/TwistWithCovariance"](twist, answer.twist_covariance())
-    return types["geometry_msgs/msg/TwistWithCovarianceStamped"](named, known)
-
-
-def _overlay(types: Any, header: Any, answer: Answer) -> Any:
-    drawn = answer.overlay()
-    height, width, _ = drawn.shape
-    return types[IMAGE](header, height, width, "rgb8", 0, 3 * width, drawn.ravel())
 
 
 def main(words: list[str] | None = None) -> int:
@@ -158,7 +158,8 @@ def main(words: list[str] | None = None) -> int:
         print(f"spindoe_ros.bag: {error}", file=sys.stderr)
         return 2 if isinstance(error, ValueError) else 1
     posed = sum(bool(answer.pose) for answer in answers)
-    print(f"{posed} of {len(answers)} images answered: {arguments.target}")
+    reason = most(Counter(answer.pose.reason for answer in answers if not answer.pose))
+    print(f"{posed} of {len(answers)} images answered: {arguments.target}" + (f" (others: {reason})" if reason else ""))
     return 0
 
 

@@ -91,7 +91,13 @@ pub fn read_clip(
         return Err(value_error("images", problem));
     }
     if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
-        let problem = "the files' times do not increase from frame to frame: fps sets others";
+        let mut pairs = batch.frames.windows(2);
+        let back = pairs.find(|pair| pair[1].time_s <= pair[0].time_s);
+        let at = back.map_or(String::new(), |pair| {
+            format!(" ({} comes after {})", pair[1].name, pair[0].name)
+        });
+        let problem =
+            format!("the files' times do not increase from frame to frame{at}: fps sets others");
         return Err(value_error("images", problem));
     }
     if let (TimeSource::SameNumber, Some(problem)) = (batch.times, batch.times.problem()) {
@@ -124,6 +130,7 @@ pub fn run<'py>(
     config: &CalibrationConfig,
     evaluation: Option<CalibrationEvaluationConfig>,
 ) -> PyResult<Answer<Found<'py>>> {
+    let dot_radius_rad = design.as_ref().map(DesignRecord::dot_radius_rad);
     let job = Arc::new((nominal.clone(), clip, config.clone()));
     let of_clip = Arc::clone(&job);
     let found = abandonable(py, move |_| {
@@ -144,6 +151,7 @@ pub fn run<'py>(
                     is_design: true,
                     frames: &clip.frames,
                     times_s: clip.times_s.as_deref(),
+                    dot_radius_rad,
                 };
                 let evaluation = CalibrationEvaluationConfig {
                     stop: Some(stop),

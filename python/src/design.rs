@@ -92,7 +92,7 @@ struct Observer {
 }
 
 impl Observer {
-    fn tell(&mut self, event: &serde_json::Value) -> spindoe::Result<()> {
+    fn report(&mut self, event: &serde_json::Value) -> spindoe::Result<()> {
         // Ctrl-C ends it here: what was found so far is on disk.
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Internal("interrupted".to_owned()));
@@ -115,7 +115,7 @@ impl Observer {
 
 impl DesignObserver for Observer {
     fn progress(&mut self, state: &SearchState, stage: Stage) -> spindoe::Result<()> {
-        self.tell(&json!({
+        self.report(&json!({
             "stage": stage,
             "rounds": state.round,
             "scouted": state.scouted.len(),
@@ -132,7 +132,7 @@ impl DesignObserver for Observer {
 
 impl JobObserver for Observer {
     fn step(&mut self, what: &str) -> spindoe::Result<()> {
-        self.tell(&json!({ "stage": "finish", "step": what }))
+        self.report(&json!({ "stage": "finish", "step": what }))
     }
 
     fn command(&self, _: &DesignConfig) -> Option<String> {

@@ -91,6 +91,7 @@ impl Settings {
             view,
             passes,
             mirror_doubt,
+            ..
         } = config;
         Self {
             visibility_limit: view.visibility_limit,
@@ -127,6 +128,7 @@ impl Settings {
             view,
             passes: self.passes,
             mirror_doubt: self.mirror_doubt,
+            ..*base
         }
     }
 }

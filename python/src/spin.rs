@@ -270,8 +270,8 @@ pub fn in_axes<'py>(
 }
 
 /// The spin of time-stamped orientations, or the reason why there is none. Rows of NaN are frames
-/// without an orientation; the other columns are then not read. The residuals tell of each frame's
-/// noise and of the errors that frames share, covariances and turns of the view frame more exactly, as in a file of orientations.
+/// without an orientation; the other columns are then not read. The residuals show each frame's
+/// noise and the errors that frames share, covariances and turns of the view frame more exactly, as in a file of orientations.
 #[pyfunction]
 #[pyo3(signature = (
     times_s, quaternions, confidences, residuals_rad, matched, covariances, view_turns, frame, method, model, at_s, max_rps,

@@ -69,7 +69,7 @@ def test_the_drawn_dots_are_measured(found, pattern, drawn):
     assert np.array_equal(found.pattern.dots, found.directions[found.numbers >= 0])
     measured = np.array(found.states) == "measured"
     assert measured.sum() >= 10
-    # Against the truth, up to the turn that no clip can tell, the offsets are gone.
+    # Against the truth, up to the turn that no clip can show, the offsets are gone.
     a, b = found.directions[measured], drawn[measured]
     turn, _ = Rotation.align_vectors(b, a)
     after = np.arccos(np.clip(np.einsum("ij,ij->i", turn.apply(a), b), -1, 1))

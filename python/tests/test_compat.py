@@ -269,7 +269,7 @@ def test_dots_are_drawn_where_the_rotation_has_them(pattern):
         u, v = round(100.0 * (1.0 + x) - 0.5), round(100.0 * (1.0 - y) - 0.5)
         is_drawn = 0 <= u < 200 and 0 <= v < 200 and tuple(drawn[v, u]) == doe.dot_color
         assert is_drawn == (z > 0.0) or np.hypot(*(seen[:, :2] - [x, y]).T).tolist().count(0.0) > 1
-    # Five pixels a dot, and the z axis where it is in sight.
+    # Five pixels a dot, and the z axis where it is visible.
     assert np.count_nonzero(drawn[..., 0]) == 5 * np.count_nonzero(seen[:, 2] > 0.0)
     assert np.count_nonzero(drawn[..., 1]) == 5 * (rot.apply([0.0, 0.0, 1.0])[2] > 0.0)
     assert doe.reproject_dots(rot, image[..., 0], (7,)).max() == 7

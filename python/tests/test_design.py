@@ -71,6 +71,7 @@ def test_bad_settings_are_named(tmp_path):
         ({"starts": -1}, "starts: .*default: 8"),
         ({"samples": 0}, "samples: expected at least 1"),
         ({"protocol": "easy"}, "protocol: .*sparse"),
+        ({"recognizer": "paper"}, "recognizer: expected robust or voting, .*is now voting"),
         ({"pictures": ["gif"]}, "pictures: expected one of png, svg"),
         ({"dot_diameter_mm": 0.0}, "dot_diameter_mm"),
         ({"dots": 40, "dot_diameter_mm": 12.0}, "dot_diameter_mm: 40 holes of 12 mm"),

@@ -333,7 +333,7 @@ def test_the_command_records_what_it_draws(folder, root, tmp_path):
     capture = cv2.VideoCapture(str(video))
     shown = [capture.read()[1] for _ in range(12)]
     assert not capture.read()[0]
-    # The outline is green amid gray.
+    # The outline is green in gray.
     green = (shown[-1][..., 1].astype(int) - shown[-1][..., 2] > 100).sum()
     assert green > 200
 

@@ -19,7 +19,8 @@ pytest.importorskip("rosbags")
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from spindoe_ros import bag
-from spindoe_ros.core import MOSAICS, Settings, SpinCore, demosaic, image_of
+from spindoe_ros.core import Settings, SpinCore
+from spindoe_ros.images import LUMA, MOSAICS, demosaic, image_of
 
 TABLE = str(ROOT / "designs/dots20/table.npz")
 SPIN = np.array([30.0, 100.0, -40.0])
@@ -150,13 +151,13 @@ def test_a_bag_is_answered(recorded, tmp_path):
 
 
 def test_the_same_bag_again_is_a_new_beginning(recorded, tmp_path):
-    core = SpinCore(Settings(TABLE, frame="camera"))
+    core = SpinCore(Settings(TABLE))
     # Without the topic nothing is known of the camera.
     first = bag.process(recorded[0], tmp_path / "1", core, camera_info="/none")
     second = bag.process(recorded[0], tmp_path / "2", core, camera_info="/none")
     assert np.array_equal(first[-1].spin.spin_rad_s, second[-1].spin.spin_rad_s)
-    assert np.linalg.norm(first[-1].spin.spin_rad_s - SPIN) < 8.0
-    assert first[-1].frame_id_of("camera", first[-1].spin) == "camera_view"
+    assert np.linalg.norm(first[-1].spin.spin_rad_s - OPTICAL @ SPIN) < 8.0
+    assert first[-1].frame_id_of(first[-1].spin) == "camera_optical_frame_view"
     assert first[0].position_m is None and "at least 3" in first[0].reason
 
 
@@ -298,8 +299,8 @@ def test_the_command(recorded, tmp_path):
 
 def camera_info(focal_px):
     k = [focal_px, 0, 57, 0, focal_px, 57, 0, 0, 1]
-    roi = SimpleNamespace(x_offset=0, y_offset=0)
-    return SimpleNamespace(k=k, d=[], distortion_model="", roi=roi, binning_x=0, binning_y=0)
+    roi = SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0)
+    return SimpleNamespace(k=k, d=[], distortion_model="", roi=roi, binning_x=0, binning_y=0, width=0, height=0)
 
 
 @pytest.mark.parametrize("table", ["table.npz", "pattern.csv"])
@@ -319,7 +320,7 @@ def test_an_overlay_is_of_the_image(encoding):
     channels = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}[encoding.rstrip("0123456789")]
     kind, shift = ("<u2", 8) if "16" in encoding else ("u1", 0)
     values = np.random.default_rng(0).integers(0, 256, (24, 30, channels)).astype(kind) << shift
-    header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0))
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=1, nanosec=0), frame_id="")
     message = SimpleNamespace(
         height=24, width=30, encoding=encoding, is_bigendian=0, step=values[0].nbytes, data=values.tobytes(), header=header
     )
@@ -331,10 +332,13 @@ def test_an_overlay_is_of_the_image(encoding):
 
 
 def test_settings_that_do_not_fit():
-    with pytest.raises(ValueError, match="frame"):
-        SpinCore(Settings(TABLE, frame="map"))
-    with pytest.raises(ValueError, match="window"):
-        SpinCore(Settings(TABLE, window=1))
+    for given, problem in [
+        ({"window": 1}, "window: expected 3 to 1000"), ({"table": ""}, "table: expected the path"),
+        ({"intrinsics": (900.0, 900.0, 57.0)}, "intrinsics: expected fx, fy, cx, cy"),
+        ({"intrinsics": (900.0, 900.0, 57.0, 57.0, 0.1)}, "intrinsics: "),
+    ]:
+        with pytest.raises(ValueError, match=problem):
+            SpinCore(Settings(**{"table": TABLE, **given}))
 
 
 @pytest.mark.parametrize(
@@ -357,9 +361,31 @@ def test_encodings(encoding, big):
     expected = values[..., 0] if channels == 1 else values
     assert np.array_equal(image, expected) and image.dtype.isnative
     assert color == ("gray" if channels == 1 else encoding.rstrip("0123456789"))
-    message.encoding = "yuv422"
+    message.encoding = "32FC1"
     with pytest.raises(ValueError, match="encoding"):
         image_of(message)
     message.encoding, message.data = encoding, b""
     with pytest.raises(ValueError, match="data: expected 5 rows"):
         image_of(message)
+
+
+@pytest.mark.parametrize("encoding", [*LUMA, "nv21", "nv24"])
+def test_of_yuv_the_brightness(encoding):
+    """As OpenCV has it, of an image whose colors vary."""
+    cv2 = pytest.importorskip("cv2")
+    rng = np.random.default_rng(1)
+    gray = rng.integers(0, 256, (6, 8)).astype(np.uint8)
+    if encoding in LUMA:
+        packed = rng.integers(0, 256, (6, 8, 2)).astype(np.uint8)
+        to_gray = cv2.COLOR_YUV2GRAY_UYVY if encoding in ("yuv422", "uyvy") else cv2.COLOR_YUV2GRAY_YUY2
+        gray, step = cv2.cvtColor(packed, to_gray), 16 + 4
+        data = np.pad(packed.reshape(6, 16), ((0, 0), (0, 4))).tobytes()
+    else:
+        colors = rng.integers(0, 256, gray.size // 2 if encoding == "nv21" else 2 * gray.size).astype(np.uint8)
+        data, step = gray.tobytes() + colors.tobytes(), 8
+        if encoding == "nv21":
+            planes = np.frombuffer(data, np.uint8).reshape(9, 8)
+            gray = cv2.cvtColor(planes, cv2.COLOR_YUV2GRAY_NV21)
+    message = SimpleNamespace(height=6, width=8, encoding=encoding, is_bigendian=0, step=step, data=data)
+    image, color = image_of(message)
+    assert color == "gray" and np.array_equal(image, gray)

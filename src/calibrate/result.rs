@@ -52,8 +52,11 @@ pub struct CalibratedDot {
     pub covariance: Matrix2<f64>,
     /// Frames in which it was found; 0 for a dot that was not measured.
     pub views: usize,
-    /// Expected number of frames in which it would be found, facing the camera well, at the rate at which
-    /// the other dots are.
+    /// Frames in which it faced the camera well, and those of them in which it was found.
+    pub facing_frames: usize,
+    /// See `facing_frames`.
+    pub facing_views: usize,
+    /// Expected number of the latter, at a cautious estimate of the rate at which the other dots are found.
     pub expected_views: f64,
     /// The detector's mean probability that what is seen there is a dot, over that of the ball's middle dot; 1
     /// where nothing is seen.

@@ -582,6 +582,8 @@ impl<'a> Rounds<'a> {
             direction,
             covariance,
             views: if is_seen { c.views } else { 0 },
+            facing_frames: c.record.views,
+            facing_views: c.record.found,
             expected_views: c.record.expected,
             likeness: if is_seen { c.likeness } else { 1.0 },
             state,

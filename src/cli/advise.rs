@@ -21,7 +21,7 @@ use crate::validate::check_samples;
 /// Exposures of a pattern, and of the race's first round, where none are stated.
 const GOLF_SAMPLES: u64 = 256;
 const GOLF_FIRST: u64 = 64;
-/// Flashes of a launch monitor where none are stated, s: uneven, so that they tell the direction of flight.
+/// Flashes of a launch monitor where none are stated, s: uneven, so that they show the direction of flight.
 const GOLF_FLASHES_S: [f64; 3] = [0.0, 0.9e-3, 2.1e-3];
 
 #[derive(Debug, Args)]

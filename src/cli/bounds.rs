@@ -2,7 +2,7 @@
 //!
 //! They keep out what has no meaning (a frame rate of 1e308, an angle that is no number, as many rounds as a
 //! computer's word can count), before any work begins. What only one command or the library rejects, such as a
-//! spin beyond what its frames can tell, is checked there.
+//! spin beyond what its frames can show, is checked there.
 
 use clap::builder::ValueParser;
 use clap::parser::ValueSource;

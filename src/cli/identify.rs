@@ -149,12 +149,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl Arguments {
-    /// Whether the frames tell what to expect of them.
+    /// Whether what to expect of the frames is learned from them.
     fn learns(&self) -> bool {
         self.protocol.is_none() && !self.no_learning
     }
 
-    /// How they tell it, and what is known before.
+    /// How that is learned, and what is known before.
     fn learning(&self, ball: &Ball) -> LearningConfig {
         let known = ConditionsPrior::default();
         let is_file = std::fs::metadata(&self.dots).is_ok_and(|m| m.is_file());

@@ -63,6 +63,9 @@ pub struct ImageArguments {
     /// Maximum number of pixels of an image.
     #[arg(hide = true, long, value_name = "N", default_value_t = DEFAULT_MAX_PIXELS)]
     pub(super) max_pixels: u64,
+    /// A dark ball with bright dots: frames are estimated as negatives.
+    #[arg(hide = true, long)]
+    pub(super) bright_dots: bool,
     /// Those of the images, once they are settled.
     #[arg(skip)]
     settled: OnceLock<Intrinsics>,
@@ -273,8 +276,8 @@ pub(super) fn read_ball(path: &Path) -> Result<Ball> {
     })
 }
 
-/// The balls of several files; two must not have the same pattern, rotated or not, since images cannot tell
-/// which it is.
+/// The balls of several files; two must not have the same pattern, rotated or not, since images cannot
+/// distinguish them.
 pub(super) fn read_balls(paths: &[PathBuf]) -> Result<Vec<Ball>> {
     let mut balls: Vec<Ball> = Vec::new();
     for path in paths {

@@ -1,7 +1,7 @@
 //! `spindoe live`: frames as they come, a JSON line for each at once.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -28,7 +28,8 @@ use crate::vision::frame::prior::Budget;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
-One ball is followed from frame to frame; a line has its orientation, and the spin of the last quarter of a second. With
+One line of JSON a frame goes to standard output, the counts at the end to standard error. One ball is followed from frame to
+frame; a line has its orientation, and the spin of the last quarter of a second. With
 --balls a line has all of them, with --strobe-ms the flashes of its exposure. Fields are those of `spindoe estimate --json`,
 and latency_ms, the time from the frame's arrival to its line.
 
@@ -197,6 +198,10 @@ fn each_frame(
             let picture = std::mem::replace(&mut frame.picture, Ok(Picture::default()));
             frame.picture = picture.and_then(Picture::mirrored);
         }
+        if asked.source.bright_dots {
+            let picture = std::mem::replace(&mut frame.picture, Ok(Picture::default()));
+            frame.picture = picture.and_then(Picture::negative);
+        }
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;
         let view = picture.view()?;
@@ -208,8 +213,7 @@ fn each_frame(
             .and_then(|()| stdout.flush())
             .map_err(crate::cli::stdout_error)?;
     }
-    pipe.say_dropped(followed);
-    finish(&pipe.name, followed, identified)
+    finish(&pipe, followed, identified)
 }
 
 fn max_latency(ms: Option<f64>) -> Result<Option<Duration>> {
@@ -227,22 +231,30 @@ fn max_latency(ms: Option<f64>) -> Result<Option<Duration>> {
 }
 
 /// Summarizes the frames on standard error.
-fn finish(input: &Path, frames: u64, identified: u64) -> Result<()> {
-    if identified > 0 {
-        errln!(
-            "{}: {identified} of {frames} frames identified",
-            input.display()
-        );
-        return Ok(());
+fn finish(pipe: &Pipe, frames: u64, identified: u64) -> Result<()> {
+    let words = counts(frames, pipe.dropped(), identified);
+    let path = pipe.name.clone();
+    if identified == 0 {
+        return Err(Error::NoAnswer {
+            path,
+            reason: words,
+        });
     }
-    let reason = match frames {
-        0 => "no frame arrived".to_owned(),
-        _ => format!("none of {frames} frames is identified"),
+    errln!("{}: {words}", path.display());
+    Ok(())
+}
+
+/// How many frames of those that came are identified: so many were processed, and so many dropped.
+fn counts(processed: u64, dropped: u64, identified: u64) -> String {
+    let lost = match dropped {
+        0 => String::new(),
+        _ => format!("; {dropped} came faster than they can be processed, and were dropped"),
     };
-    Err(Error::NoAnswer {
-        path: input.to_path_buf(),
-        reason,
-    })
+    match (processed + dropped, identified) {
+        (0, _) => "no frame arrived".to_owned(),
+        (arrived, 0) => format!("none of {arrived} frames is identified{lost}"),
+        (arrived, _) => format!("{identified} of {arrived} frames identified{lost}"),
+    }
 }
 
 fn line(
@@ -269,4 +281,21 @@ fn line(
     }
     json["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
     json
+}
+
+#[cfg(test)]
+mod tests {
+    use super::counts;
+
+    #[test]
+    fn dropped_frames_count_among_those_that_came() {
+        assert_eq!(counts(0, 0, 0), "no frame arrived");
+        assert_eq!(counts(13, 0, 13), "13 of 13 frames identified");
+        let words = counts(13, 37, 13);
+        assert!(
+            words.starts_with("13 of 50 frames identified; 37 came"),
+            "{words}"
+        );
+        assert!(counts(5, 2, 0).starts_with("none of 7 frames is identified; 2 came"));
+    }
 }

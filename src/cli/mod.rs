@@ -114,7 +114,7 @@ enum Command {
     /// Estimate orientations and the spin from images or videos.
     #[cfg(feature = "vision")]
     Estimate(Box<estimate::Arguments>),
-    /// Estimate orientations and the spin from frames as they come.
+    /// Estimate orientations and spin live; JSON lines go to stdout.
     #[cfg(feature = "vision")]
     Live(Box<live::Arguments>),
     /// Estimate the spin from time-stamped orientations.
@@ -388,7 +388,9 @@ fn report_usage(error: &clap::Error, arguments: &[OsString]) -> u8 {
 
 /// The error in the arguments in one line: its first paragraph, and what clap takes to be meant; usage follows.
 fn usage_line(error: &clap::Error) -> String {
+    // The ball is named as where a command itself misses it.
     let text = error.to_string();
+    let text = text.replace("--table <TABLE.npz>", "--table dots20 (or my-ball)");
     let mut paragraphs = text.split("\n\n");
     let first = paragraphs.next().unwrap_or_default();
     let tips = paragraphs.flat_map(str::lines);

@@ -2,8 +2,8 @@
 
 use std::fmt;
 use std::str::FromStr;
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 #[cfg(feature = "mark")]
 use std::time::SystemTime;
 use std::time::{Duration, Instant};
@@ -167,14 +167,19 @@ impl Tenths {
 pub(super) struct Counter {
     bar: ProgressBar,
     what: &'static str,
+    /// What is said beside the count.
+    note: Mutex<String>,
     said: Mutex<(Instant, Tenths)>,
 }
 
 impl Counter {
-    /// Work of `total` pieces, which `what` names in the plural; 0 where their number is not known.
+    /// Work of `total` pieces, which `what` names in the plural, or of 100 percent; 0 where their number is not known.
     pub fn new(total: u64, what: &'static str) -> Self {
         let (bar, template) = match total {
             0 => (ProgressBar::new_spinner(), "{spinner} {pos} {msg}"),
+            _ if what.starts_with('%') => {
+                (ProgressBar::new(total), "{bar:25} {pos} {wide_msg}{left}")
+            }
             _ => (
                 ProgressBar::new(total),
                 "{bar:25} {pos} of {len} {wide_msg}{left}",
@@ -190,6 +195,7 @@ impl Counter {
         Self {
             bar,
             what,
+            note: Mutex::default(),
             said: Mutex::new((Instant::now(), Tenths::new())),
         }
     }
@@ -207,6 +213,15 @@ impl Counter {
         self.speak();
     }
 
+    /// Sets what is said beside the count, from the next one on.
+    #[cfg(feature = "vision")]
+    pub fn note(&self, words: &str) {
+        self.bar.set_message(format!("{}{words}", self.what));
+        let mut note = self.note.lock().unwrap_or_else(PoisonError::into_inner);
+        note.clear();
+        note.push_str(words);
+    }
+
     /// A plain line where there is no bar: at each tenth, or every so often where the end is not known.
     fn speak(&self) {
         if is_quiet() || is_shown(&self.bar) {
@@ -217,15 +232,20 @@ impl Counter {
             return;
         };
         let (done, what) = (self.bar.position(), self.what);
+        let note = self.note.lock().unwrap_or_else(PoisonError::into_inner);
         let (last, tenths) = &mut *said;
         match self.bar.length().filter(|total| *total > 0) {
             Some(total) => {
                 if let Some(left) = tenths.left(done, total) {
-                    errln!("{done} of {total} {what}{left}");
+                    let of = match what.starts_with('%') {
+                        true => String::new(),
+                        false => format!(" of {total}"),
+                    };
+                    errln!("{done}{of} {what}{note}{left}");
                 }
             }
             None if last.elapsed() > COUNTER_SILENCE => {
-                errln!("{done} {what}");
+                errln!("{done} {what}{note}");
                 *last = Instant::now();
             }
             None => {}

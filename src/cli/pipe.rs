@@ -54,9 +54,14 @@ impl Pipe {
         Ok(Some(by_rate.or(frame.time_s).unwrap_or_default()))
     }
 
+    /// How many frames were dropped.
+    pub fn dropped(&self) -> u64 {
+        self.grabber.dropped()
+    }
+
     /// Says how many frames were dropped beside these.
     pub fn say_dropped(&self, taken: u64) {
-        let dropped = self.grabber.dropped();
+        let dropped = self.dropped();
         if dropped > 0 {
             errln!(
                 "{}: warning: {dropped} of {} frames came faster than they can be processed, and were dropped",

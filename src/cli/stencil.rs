@@ -231,9 +231,8 @@ impl Arguments {
     }
 }
 
-/// How long the plan, each half, and then pictures and drawing take, in parts: of `dots40` 0.5, 2.0, 2.0 and 0.5 s.
-const PARTS: [u64; 3] = [2, 8, 8];
-const LAST: u64 = 2;
+/// How much of the work the plan and each half are, percent; pictures and drawing are the rest: of `dots40` 0.5, 2.0, 2.0 and 0.5 s.
+const SHARES: [u64; 3] = [10, 40, 40];
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let ball = arguments.pattern.ball()?;
@@ -245,8 +244,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     // Before the work: what cannot be written costs none.
     let set = Replacement::begin(dir)?;
-    let counter = Counter::new(PARTS.iter().sum::<u64>() + LAST, "parts of the work");
-    let done = |step: usize| counter.add(PARTS[step]);
+    let counter = Counter::new(100, "% of the stencil");
+    let done = |step: usize| counter.add(SHARES[step]);
     let stencil = Stencil::build_with(pattern, &config, &done).map_err(|error| {
         counter.finish();
         with_largest(error, pattern, &config, arguments.hole_parameter(&config))
@@ -306,7 +305,8 @@ fn with_largest(error: Error, pattern: &Pattern, config: &StencilConfig, of_size
 fn print_words(stencil: &Stencil) {
     let count = |side| stencil.sides().iter().filter(|s| **s == side).count();
     outln!(
-        "holes of {} mm: {} in half A, {} in half B, {} through both rims; nearest dot {:.1} deg from the seam",
+        "{} holes of {} mm: {} in half A alone, {} in half B alone, {} through both rims; nearest dot {:.1} deg from the seam",
+        stencil.sides().len(),
         stencil.config().hole_diameter_mm,
         count(HoleSide::A),
         count(HoleSide::B),

@@ -31,8 +31,8 @@ pub trait BatchObserver: Sync {
         true
     }
 
-    /// Hears how many frames are estimated.
-    fn progress(&self, _frames: usize) {}
+    /// Sees the frames that are estimated, one more each time.
+    fn progress(&self, _frames: &[BatchFrame<Self::Kept>]) {}
 }
 
 /// Keeps nothing, says nothing.

@@ -85,8 +85,8 @@ impl<O: BatchObserver> Pass<'_, O> {
         let Ok(picture) = &frame.picture else {
             return Ok(best);
         };
-        let picture = match self.config.mirrored {
-            true => Cow::Owned(self.upright(picture.clone())?),
+        let picture = match self.config.mirrored || self.config.bright_dots {
+            true => Cow::Owned(self.prepared(picture.clone())?),
             false => Cow::Borrowed(picture),
         };
         let image = picture.view()?;

@@ -1,4 +1,4 @@
-//! What a clip's pass is told: where the ball is, where the times come from, what may be spent.
+//! The settings of a clip's pass: where the ball is, where the times come from, what may be spent.
 
 use std::path::PathBuf;
 
@@ -45,6 +45,8 @@ pub struct BatchConfig {
     pub readout_s: f64,
     /// Whether left and right are exchanged before anything else.
     pub mirrored: bool,
+    /// Whether the dots are brighter than the ball: frames are then estimated as negatives.
+    pub bright_dots: bool,
     /// Whether all frames together decide if the tables fit and the images are mirrored ([`Judgment`](super::judgment::Judgment)); where they
     /// do not fit, no frame keeps its pose.
     pub verdict: bool,
@@ -92,6 +94,7 @@ impl Default for BatchConfig {
             budget: Budget::default(),
             readout_s: 0.0,
             mirrored: false,
+            bright_dots: false,
             verdict: false,
             max_pixels: DEFAULT_MAX_PIXELS,
         }

@@ -1,4 +1,4 @@
-//! All frames of a clip: each estimated, those in doubt again between their neighbors, several balls told apart, the table and the
+//! All frames of a clip: each estimated, those in doubt again between their neighbors, several balls distinguished, the table and the
 //! mirror image judged by all frames together.
 
 pub(crate) mod ball_tracks;

@@ -160,6 +160,7 @@ impl Estimator {
             camera: self.config.camera,
             start: self.config.camera.at(pose.distance),
             drawn,
+            axis: frame.axis,
         };
         let rotation = view.to_camera().inverse() * pose.rotation;
         Some((frame, prior, rotation))

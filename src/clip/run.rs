@@ -123,7 +123,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
         let read = self.each(reading, alone, |(frame, error)| {
             frames.push(frame);
             first_error = first_error.take().or(error);
-            self.observer.progress(frames.len());
+            self.observer.progress(&frames);
         })?;
         // A file that is no image is a rejected frame among others, and an error alone.
         let is_hopeless = frames.iter().all(|f| f.unreadable.is_some());
@@ -195,7 +195,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
                 return Ok((done, Some(error)));
             }
         };
-        let picture = self.upright(picture)?;
+        let picture = self.prepared(picture)?;
         let image = picture.view()?;
         done.size = Some([image.width(), image.height()]);
         let prior = match self.prior(&done.path, &image)? {
@@ -242,7 +242,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
             let (Some(k), Ok(picture)) = (number, frame.picture) else {
                 return Ok(None);
             };
-            let picture = self.upright(picture)?;
+            let picture = self.prepared(picture)?;
             let Some(found) = work(k, picture.view()?, worker) else {
                 return Ok(None);
             };
@@ -259,12 +259,15 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
         Ok(changed.collect())
     }
 
-    /// A picture as the camera would show it without a mirror.
-    pub fn upright(&self, picture: Picture) -> Result<Picture> {
-        match self.config.mirrored {
-            true => picture.mirrored(),
-            false => Ok(picture),
+    /// A picture as it is estimated: without a mirror, its dots darker than the ball.
+    pub fn prepared(&self, mut picture: Picture) -> Result<Picture> {
+        if self.config.mirrored {
+            picture = picture.mirrored()?;
         }
+        if self.config.bright_dots {
+            picture = picture.negative()?;
+        }
+        Ok(picture)
     }
 
     fn keep(&self, picture: &Picture, balls: &[BallEstimate]) -> Result<O::Kept> {

@@ -1,4 +1,4 @@
-//! What the frames of a clip tell of each other, after each was estimated alone.
+//! What the frames of a clip say of each other, after each was estimated alone.
 
 use super::ball_tracks::{missing_balls, number_balls};
 use super::balls::{BallEstimate, BallsEstimator, sort_from_left};

@@ -81,7 +81,7 @@ pub struct StrobeHypothesis {
     pub flight: Flight,
     /// The orientations by the flashes' times.
     pub orientations: Orientations,
-    /// The spin with the others that the flashes cannot tell apart, or why there is none.
+    /// The spin with the others that the flashes cannot distinguish from it, or why there is none.
     pub spin: std::result::Result<(Fit, Vec<Alternative>), SpinRejection>,
 }
 
@@ -314,7 +314,7 @@ impl Strobe {
     }
 }
 
-/// A spin with the others that the flashes cannot tell apart, or why there is none.
+/// A spin with the others that the flashes cannot distinguish from it, or why there is none.
 type FittedSpin = std::result::Result<(Fit, Vec<Alternative>), SpinRejection>;
 
 /// How many orientations of a pair may be right: both, unless no spin up to the limit leads from one to the other.

@@ -50,7 +50,7 @@ pub struct DesignRequest {
     /// Further descent steps of the best quarter of the starts.
     pub climb_steps: u64,
     /// Monte Carlo trials per candidate, again for each protocol of the winner's evaluation, and a
-    /// fifth of it for each point of the sensitivity sweeps.
+    /// tenth of it for each point of the sensitivity sweeps.
     pub samples: u64,
     /// How a descent finds its steps.
     pub descent: DescentMethod,
@@ -74,7 +74,7 @@ pub struct DesignRequest {
     /// Weight of the pairs' quality as bases, for the paper's recognizer.
     pub basis_weight: f64,
     /// Minimum angle between two dots, radians. Open: the separation that the stencil's holes need,
-    /// at least 18 degrees.
+    /// at least 18 degrees; between added dots, which a hand draws, a dot's width of bare ball, at least as much.
     pub min_separation_rad: Option<f64>,
     /// Minimum number of visible dots from any direction. Open: 3 in 10 of them.
     pub min_visible: Option<usize>,
@@ -324,11 +324,16 @@ impl DesignRequest {
         Ok(goal.filter(|goal| *goal != Self::NO_GOAL))
     }
 
-    /// The minimum separation where it is open, degrees: that of the holes rounded up to a tenth, so that a
-    /// command reproduces it.
+    /// The minimum separation where it is open, degrees: that of the holes, or of dots that a hand adds, rounded up to a tenth, so
+    /// that a command reproduces it.
     pub(crate) fn usual_separation_deg(&self) -> f64 {
-        let holes = self.stencil().min_separation_rad().to_degrees();
-        MIN_SEPARATION_DEG.max((10.0 * holes).ceil() / 10.0)
+        let stencil = self.stencil();
+        let needed = match self.add {
+            0 => stencil.min_separation_rad(),
+            // A dot's width of bare ball between two: see docs/hand-drawn.md.
+            _ => 4.0 * (stencil.hole_diameter_mm / stencil.ball_diameter_mm).asin(),
+        };
+        MIN_SEPARATION_DEG.max((10.0 * needed.to_degrees()).ceil() / 10.0)
     }
 
     /// The seam's margin where it is open, degrees.

@@ -25,18 +25,26 @@ pub(crate) fn may_be(start: &[u8]) -> bool {
 
 /// Whether a file holds several pictures: its bytes, or of a PNG or a WebP file those at its start.
 pub(crate) fn is_animation(bytes: &[u8]) -> bool {
-    is_png(bytes).unwrap_or(false) || is_webp(bytes) || is_gif(bytes).unwrap_or(false)
+    let is_several = |pictures: Option<usize>| pictures.is_some_and(|n| n > 1);
+    is_several(png_pictures(bytes)) || is_webp(bytes) || is_several(gif_pictures(bytes, 2))
+}
+
+/// How many pictures an animation has, as far as its bytes say.
+pub(crate) fn pictures(bytes: &[u8]) -> Option<usize> {
+    let webp = || is_webp(bytes).then(|| webp_pictures(bytes)).flatten();
+    let gif = || gif_pictures(bytes, usize::MAX);
+    png_pictures(bytes).or_else(webp).or_else(gif)
 }
 
 /// The chunk `acTL` before the picture says how many there are (W3C, "PNG Specification, Third Edition", 11.3.6.1).
-fn is_png(bytes: &[u8]) -> Option<bool> {
+fn png_pictures(bytes: &[u8]) -> Option<usize> {
     let mut rest = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n")?;
     loop {
         let (length, after) = rest.split_first_chunk()?;
         let (kind, after) = after.split_first_chunk::<4>()?;
         match kind {
-            b"acTL" => return Some(u32::from_be_bytes(*after.first_chunk()?) > 1),
-            b"IDAT" => return Some(false),
+            b"acTL" => return Some(u32::from_be_bytes(*after.first_chunk()?) as usize),
+            b"IDAT" => return Some(1),
             // And its checksum.
             _ => rest = after.get((u32::from_be_bytes(*length) as usize).checked_add(4)?..)?,
         }
@@ -49,8 +57,20 @@ fn is_webp(bytes: &[u8]) -> bool {
     is_extended && bytes.get(20).is_some_and(|flags| flags & 2 != 0)
 }
 
-/// Two image descriptors among the blocks (CompuServe, "GIF89a", appendix A).
-fn is_gif(bytes: &[u8]) -> Option<bool> {
+/// The chunks `ANMF` of a file (RFC 9649, 2.7.1.1).
+fn webp_pictures(bytes: &[u8]) -> Option<usize> {
+    let (mut rest, mut pictures) = (bytes.get(12..)?, 0);
+    while let Some((kind, after)) = rest.split_first_chunk::<4>() {
+        let (length, after) = after.split_first_chunk()?;
+        pictures += usize::from(kind == b"ANMF");
+        // Chunks begin at even places.
+        rest = after.get((u32::from_le_bytes(*length) as usize).checked_next_multiple_of(2)?..)?;
+    }
+    Some(pictures)
+}
+
+/// The image descriptors among the blocks, up to `most` (CompuServe, "GIF89a", appendix A).
+fn gif_pictures(bytes: &[u8], most: usize) -> Option<usize> {
     let colors = |flags: u8| match flags & 0x80 {
         0 => 0,
         _ => 3 << ((flags & 7) + 1),
@@ -69,7 +89,7 @@ fn is_gif(bytes: &[u8]) -> Option<bool> {
     }
     let mut at = 13 + colors(*bytes.get(10)?);
     let mut pictures = 0;
-    while pictures < 2 {
+    while pictures < most {
         at = match *bytes.get(at)? {
             0x2c => {
                 pictures += 1;
@@ -79,7 +99,7 @@ fn is_gif(bytes: &[u8]) -> Option<bool> {
             _ => break,
         };
     }
-    Some(pictures > 1)
+    Some(pictures)
 }
 
 /// Whether a second picture stands right behind the first one, as in a stream: a JPEG, PNG, BMP or binary PNM file. What a phone's camera keeps

@@ -237,6 +237,27 @@ impl Picture {
         })
     }
 
+    /// The picture with bright and dark exchanged: of a dark ball with bright dots, a bright one with dark dots.
+    ///
+    /// # Errors
+    /// [`Error::Internal`] where a picture lacks colors.
+    pub fn negative(mut self) -> Result<Self> {
+        match &mut self {
+            Self::Bytes { values, .. } => {
+                values.iter_mut().for_each(|value| *value = !*value);
+                Ok(self)
+            }
+            Self::Gray(image) => {
+                let values = image.values().iter().map(|gray| 1.0 - gray);
+                GrayImage::new(image.width(), image.height(), values.collect()).map(Self::Gray)
+            }
+            Self::Color(image) => {
+                let values = image.values().iter().map(|color| color.map(|c| 1.0 - c));
+                RgbImage::new(image.width(), image.height(), values.collect()).map(Self::Color)
+            }
+        }
+    }
+
     /// The picture as a mirror shows it: left and right exchanged.
     ///
     /// # Errors

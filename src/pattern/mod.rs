@@ -212,7 +212,7 @@ impl Pattern {
         })
     }
 
-    /// Whether another pattern has the same dots, in any order and turned in any way: images cannot tell which of the two it is.
+    /// Whether another pattern has the same dots, in any order and turned in any way: images cannot distinguish the two.
     pub fn is_turned(&self, other: &Self) -> bool {
         let (a, b) = (&self.dots, &other.dots);
         let ([from, rest @ ..], true) = (&a[..], a.len() == b.len()) else {

@@ -58,7 +58,7 @@ pub fn surface_views(path: &Path, surface: &MarkedSurface) -> Result<()> {
             };
             text(half, caption, at, HPos::Center, LABEL + 2.0, INK)?;
         }
-        let note = "blue: a dot; orange: a dot or print; gray: none; hatched: shown by no frame";
+        let note = "blue: looks like a dot; orange: a dot or print; gray: neither; hatched: shown by no frame";
         let (width, height) = area.dim_in_pixel();
         let at = (width as i32 / 2, height as i32 - px(20.0));
         text(&area, note, at, HPos::Center, SMALL, INK)

@@ -2,7 +2,7 @@
 //!
 //! A file of frames comes from one camera, one detector and one ball. What the recognizer has to
 //! expect (noise, visibility limit, detection rate, false dots) is therefore shared by its frames,
-//! and the frames that are easy to identify tell it for those that are not: empirical Bayes (B.
+//! and the frames that are easy to identify show it for those that are not: empirical Bayes (B.
 //! Efron, "Large-Scale Inference", 2010, ch. 1), with a weak prior.
 //!
 //! Given an explanation of a frame (rotation and assignment), the likelihood is a product of three
@@ -149,7 +149,7 @@ struct Weights {
     false_dots: [f64; FALSE_DOTS],
 }
 
-/// The settings, and the tables that tell the likelihood under each.
+/// The settings, and the tables of the likelihood under each.
 #[derive(Debug, Clone)]
 struct Grid {
     /// ln of detection and of missing by z, a row of all visibilities each.

@@ -206,7 +206,7 @@ impl Learner<'_> {
         RobustRecognizer::with_conditions(self.ball, self.base, posterior)
     }
 
-    /// What the frames tell: they are identified, tell the conditions, and are identified again.
+    /// What the frames show: they are identified, show the conditions, and are identified again.
     fn learn(&self, frames: &[ObservedFrame]) -> Result<Learned> {
         let mut learned = Learned::nothing(self);
         for _ in 0..LEARNING_ROUNDS {

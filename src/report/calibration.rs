@@ -29,7 +29,7 @@ use crate::vision::FrameEstimate;
 use work::EvaluationWork;
 
 /// Version of a calibration's `report.json`.
-pub const CALIBRATION_REPORT_VERSION: u32 = 3;
+pub const CALIBRATION_REPORT_VERSION: u32 = 4;
 /// A dot whose standard deviation is larger needs more views, degrees.
 pub(super) const WELL_MEASURED_DEG: f64 = 0.5;
 /// Files by which a folder with a calibration is known.
@@ -54,7 +54,11 @@ pub struct DotReport {
     pub sigma_deg: f64,
     /// Frames that saw it.
     pub views: usize,
-    /// Frames that should have, facing it well, at the rate of the other dots.
+    /// Frames that it faced well.
+    pub facing_frames: usize,
+    /// Those of them that saw it.
+    pub facing_views: usize,
+    /// Those of them that should have, at a cautious estimate of the rate of the other dots.
     pub expected_views: f64,
     /// Its number in `marks.png`, of a ball without a table.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -191,6 +195,8 @@ pub struct CalibrationSource<'a> {
     pub frames: &'a [FrameEstimate],
     /// Their times, seconds.
     pub times_s: Option<&'a [f64]>,
+    /// Angular radius of the dots that are drawn, radians, where it is known.
+    pub dot_radius_rad: Option<f64>,
 }
 
 /// Evaluates a calibration.
@@ -209,6 +215,7 @@ pub fn evaluate_calibration(
         is_design,
         frames,
         times_s,
+        dot_radius_rad,
     } = *source;
     let pattern = calibration.pattern()?;
     let nominal_sha256 = is_design.then(|| nominal.sha256());
@@ -228,6 +235,8 @@ pub fn evaluate_calibration(
             offset_deg: dot.offset_rad().to_degrees(),
             sigma_deg: dot.sigma_rad().to_degrees(),
             views: dot.views,
+            facing_frames: dot.facing_frames,
+            facing_views: dot.facing_views,
             expected_views: dot.expected_views,
             mark: None,
         })
@@ -277,8 +286,8 @@ pub fn evaluate_calibration(
             _ => Some(DotSetReport::of(
                 calibration,
                 &pattern,
-                evaluation.samples,
-                evaluation.seed,
+                dot_radius_rad,
+                (evaluation.samples, evaluation.seed),
             )?),
         },
         seed: evaluation.seed,
@@ -489,15 +498,21 @@ impl CalibrationReport {
     /// The offsets of the dots as CSV: along the meridian towards +z, and to the east of it.
     pub fn offsets_csv(&self) -> String {
         let mut text =
-            "dot,number,state,offset_deg,north_deg,east_deg,sigma_deg,views,expected_views\n"
+            "dot,number,state,offset_deg,north_deg,east_deg,sigma_deg,views,facing_frames,facing_views,expected_views\n"
                 .to_owned();
         for dot in &self.dots {
             let [north, east] = dot.compass_deg();
             let number = dot.number.map_or(String::new(), |n| n.to_string());
             let state = dot.state.as_str();
             text += &format!(
-                "{},{number},{state},{:.4},{north:.4},{east:.4},{:.4},{},{:.1}\n",
-                dot.nominal_number, dot.offset_deg, dot.sigma_deg, dot.views, dot.expected_views
+                "{},{number},{state},{:.4},{north:.4},{east:.4},{:.4},{},{},{},{:.1}\n",
+                dot.nominal_number,
+                dot.offset_deg,
+                dot.sigma_deg,
+                dot.views,
+                dot.facing_frames,
+                dot.facing_views,
+                dot.expected_views
             );
         }
         text

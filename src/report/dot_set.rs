@@ -38,17 +38,23 @@ pub struct DotSetReport {
 }
 
 impl DotSetReport {
-    /// Judges the dots of a calibrated ball.
+    /// Judges the dots of a calibrated ball, of this angular radius if it is known: further dots keep the distance that
+    /// `design --add` keeps.
     ///
     /// # Errors
     /// As [`DotSet::of`].
     pub fn of(
         calibration: &Calibration,
         pattern: &Pattern,
-        samples: u64,
-        seed: u64,
+        dot_radius_rad: Option<f64>,
+        (samples, seed): (u64, u64),
     ) -> Result<Self> {
         let seed = seed ^ DOT_SET;
+        let further = DesignRequest {
+            add: 1,
+            dot_diameter_mm: dot_radius_rad.map(|radius| USUAL_BALL_MM * radius.sin()),
+            ..DesignRequest::default()
+        };
         let clip = clip_view(calibration);
         let clip_answers = clip
             .map(|view| answers(pattern, &view, seed, samples))
@@ -65,7 +71,7 @@ impl DotSetReport {
             samples,
             seed,
             constraints: Constraints {
-                min_separation_rad: DesignRequest::default().usual_separation_deg().to_radians(),
+                min_separation_rad: further.usual_separation_deg().to_radians(),
                 ..Constraints::default()
             },
             avoided: missing.chain(marks).collect(),

@@ -180,7 +180,7 @@ pub struct RateKind {
 }
 
 impl EvaluationConfig {
-    /// For the winner of a search: as many trials as each candidate had, and a fifth of that for each point of the
+    /// For the winner of a search: as many trials as each candidate had, and a tenth of that for each point of the
     /// sweeps. The paper's recognizer is tried on the paper's views, and on all others where the search is for it.
     pub fn of_search(config: &DesignConfig) -> Self {
         let of = |recognizer, protocols: &[ProtocolName]| {
@@ -192,7 +192,7 @@ impl EvaluationConfig {
         };
         let all = &ProtocolName::ALL;
         let usual = SensitivityConfig {
-            samples: config.samples.div_ceil(5),
+            samples: config.samples.div_ceil(10),
             ..SensitivityConfig::default()
         };
         let ours = of(RecognizerName::Robust, all);
@@ -230,7 +230,7 @@ impl EvaluationConfig {
 }
 
 impl Default for EvaluationConfig {
-    /// For the default search: 10 000 trials each, 2 000 for each point of a sweep.
+    /// For the default search: 10 000 trials each, 1 000 for each point of a sweep.
     fn default() -> Self {
         Self::of_search(&DesignConfig::default())
     }

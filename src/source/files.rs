@@ -222,6 +222,32 @@ pub fn open(source: &Source, max_pixels: u64) -> Result<Box<dyn FrameSource + Se
     })
 }
 
+/// How many frames a source has, as far as that can be known without decoding them.
+pub fn frame_count(source: &Source) -> Option<usize> {
+    let Source::Image(path) = source else {
+        return None;
+    };
+    // Others hold one picture.
+    if !has_ending(path, &["png", "gif", "webp", "tif", "tiff"]) {
+        return Some(1);
+    }
+    let mut start = Vec::new();
+    let file = std::fs::File::open(path).ok()?;
+    if file.metadata().ok()?.len() > MAX_COUNTED {
+        return None;
+    }
+    file.take(animation::START).read_to_end(&mut start).ok()?;
+    let is_tiff = stack::is_tiff(&start);
+    if !is_tiff && !animation::may_be(&start) {
+        return Some(1);
+    }
+    let bytes = crate::files::read_at_most(path, MAX_COUNTED).ok()?;
+    match is_tiff {
+        true => Some(stack::pages(&bytes).len()),
+        false => animation::pictures(&bytes),
+    }
+}
+
 /// An image file: one picture, the pages of a TIFF file, or the pictures of an animation.
 struct ImageFile {
     path: PathBuf,
@@ -236,6 +262,8 @@ enum Several {
     Animation(Animation),
 }
 
+/// Bytes of the largest file whose pictures are counted beforehand.
+const MAX_COUNTED: u64 = 64 << 20;
 /// Bytes of the largest file of several pictures.
 const MAX_SEVERAL: u64 = 4 << 30;
 

@@ -5,8 +5,8 @@
 //! # Slow motion
 //! A phone may store 240 frames a second so that they play at 30. Where the container says at which
 //! rate they were taken (`com.android.capture.fps`), the time stamps are to be scaled by it
-//! ([`VideoClock`], known at the end); where it does not, nothing in the file tells slow motion from an
-//! ordinary video.
+//! ([`VideoClock`], known at the end); where it does not, nothing in the file distinguishes slow motion
+//! from an ordinary video.
 
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read};
@@ -314,7 +314,7 @@ impl DecoderLog {
     }
 }
 
-/// What a line tells of damage. A frame is described in pieces, and what another thread says may stand among them.
+/// What a line says of damage. A frame is described in pieces, and what another thread says may stand among them.
 fn damage_in(line: &str) -> Option<&str> {
     let tags = line
         .match_indices(" @ 0x")
@@ -329,7 +329,7 @@ fn damage_in(line: &str) -> Option<&str> {
     parts.find(|part| is_damage(part)).map(str::trim_end)
 }
 
-/// Whether a line tells of damage: a decoder's or a container's, and not what they print of the file.
+/// Whether a line reports damage: a decoder's or a container's, and not what they print of the file.
 fn is_damage(line: &str) -> bool {
     // What writes the pictures complains of the times of raw streams, and loses none.
     let is_of_part =
@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_told_though_ffmpeg_ends_as_if_nothing_were() {
+    fn damage_is_reported_though_ffmpeg_ends_as_if_nothing_were() {
         for line in [
             "[in#0/matroska,webm @ 0x562015742100] File ended prematurely",
             "[h264 @ 0x564310494ec0] error while decoding MB 0 1, bytestream 26247",

@@ -289,7 +289,7 @@ impl Orientations {
         files::write_bytes(path, self.to_csv().as_bytes())
     }
 
-    /// The error that frames share, as the residuals and the view frame's turns tell of it; `None` without any.
+    /// The error that frames share, as the residuals and the view frame's turns show it; `None` without any.
     pub fn shared_error(&self) -> Option<SharedError> {
         let answered = self.rows.iter().filter(|r| r.orientation.is_some());
         let turns = answered.clone().filter_map(|r| Some((r.time_s, r.turn?)));

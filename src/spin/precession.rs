@@ -12,7 +12,7 @@
 //!
 //! Guaranteed: no precession without evidence. Not guaranteed: a ball with three different moments is
 //! described to first order in the unevenness only; other torques than that of the air are not modeled;
-//! errors that frames share count as motion as far as neither [`SpinConfig::shared`] nor a lack of fit tells of them.
+//! errors that frames share count as motion as far as neither [`SpinConfig::shared`] nor a lack of fit shows them.
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 

@@ -52,7 +52,7 @@ pub struct SharedError {
 }
 
 impl SharedError {
-    /// The error that the residuals of the frames' dots tell of, root mean square angles in radians;
+    /// The error that the residuals of the frames' dots show, root mean square angles in radians;
     /// `None` without residuals.
     pub fn of_residuals(residuals_rad: impl Iterator<Item = f64>) -> Option<Self> {
         let (squares, count) = residuals_rad.fold((0.0, 0.0), |(sum, n), residual| {

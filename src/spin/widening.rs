@@ -11,7 +11,7 @@
 //! and 16 parts those with the largest dispersion count: what drifts slowly shows in few parts.
 //!
 //! # Shared errors
-//! What [`super::shared`] adds tells of the same errors, if it is known: the larger of the two counts.
+//! What [`super::shared`] adds covers the same errors, if it is known: the larger of the two counts.
 //!
 //! Not guaranteed: that a motion without a lack of fit is right.
 

@@ -125,12 +125,13 @@ pub struct SynthConfig {
     pub mirrored: bool,
 
     // The camera.
-    /// Distance of the camera from the ball's center in ball radii, log-uniform. Default: 4 to 60.
+    /// Distance of the camera from the ball's center in ball radii, log-uniform; in a whole frame longer where the lens would
+    /// have to see more than 34 degrees to either side. Default: 4 to 60.
     pub camera_distance_radii: [f64; 2],
     /// Share of the frames taken along parallel rays. Default: 0.05.
     pub parallel_share: f64,
-    /// Maximum angle between the optical axis and the ray to the ball's center, radians.
-    /// Default: 0.6 (34 degrees).
+    /// Maximum angle between the optical axis and the ray to the ball's center, radians: of a crop, which may be cut from
+    /// anywhere. A whole frame has its axis near its middle. Default: 0.6 (34 degrees).
     pub max_off_axis_rad: f64,
 
     // The ball.

@@ -376,6 +376,16 @@ impl Sequence {
         }
     }
 
+    /// How it was taken, with what `asked` left to chance.
+    pub fn taken(&self, asked: &ClipConfig) -> ClipConfig {
+        ClipConfig {
+            spin: Some(self.spin().into()),
+            exposure_s: Some(self.first.exposure_s),
+            drift_px: Some(self.drift_px),
+            ..*asked
+        }
+    }
+
     /// The spin, camera frame, rad/s.
     pub fn spin(&self) -> Vec3 {
         self.first.spin

@@ -25,6 +25,11 @@ use crate::vision::optics::camera::{BallCircle, Camera, Intrinsics, Pixel};
 const MAX_EXPOSURE_S: f64 = 4e-3;
 /// Exposure of a ball at rest, s.
 const REST_EXPOSURE_S: f64 = 1e-3;
+/// Standard deviation of a camera's principal point about the middle of its picture, of the longer side, along either
+/// axis: that of cheap modules; calibrated ones are within 0.01.
+const PRINCIPAL_SPREAD: f64 = 0.025;
+/// Half the field of a wide lens without distortion, radians.
+const MAX_FIELD_RAD: f64 = 0.6;
 /// Minimum distance, in ball radii, at which the optical axis may leave the ball.
 const NEAREST: f64 = 1.5;
 
@@ -92,7 +97,7 @@ impl Scene {
         let mut surface = Surface::random(pattern, config, streams);
         let place = &mut streams.of(Stream::Camera);
         let Place { size, side, circle } = Place::random(config, place);
-        let camera = random_camera(&circle, config, place);
+        let camera = random_camera(&circle, config, size, place);
         let motion = &mut streams.of(Stream::Pose);
         let rotation = random_rotation(motion);
         let (mut spin, exposure_s) = random_motion(config, motion);
@@ -245,17 +250,40 @@ impl Place {
 fn random_camera<R: Rng + ?Sized>(
     circle: &BallCircle,
     config: &SynthConfig,
+    size: [usize; 2],
     rng: &mut R,
 ) -> Camera {
     let is_parallel = rng.random_bool(config.parallel_share);
     let distance = log_between(config.camera_distance_radii, rng);
-    let off_axis = config.max_off_axis_rad * rng.random::<f64>();
-    let azimuth = rng.random_range(0.0..TAU);
     if is_parallel {
         Camera::Orthographic
+    } else if config.image_px.is_some() {
+        let [width, height] = size.map(|n| n as f64);
+        let mut near_middle = |n: f64| {
+            let off = PRINCIPAL_SPREAD * width.max(height) * rng.sample::<f64, _>(StandardNormal);
+            0.5 * (n - 1.0) + off
+        };
+        let (u, v) = (near_middle(width), near_middle(height));
+        pinhole_through(circle, distance, Pixel { u, v })
     } else {
+        // A crop may be cut anywhere.
+        let off_axis = config.max_off_axis_rad * rng.random::<f64>();
+        let azimuth = rng.random_range(0.0..TAU);
         pinhole(circle, distance, off_axis, azimuth)
     }
+}
+
+/// A pinhole at the given distance with this principal point; farther away where a lens would have to see more than
+/// [`MAX_FIELD_RAD`] to either side.
+fn pinhole_through(circle: &BallCircle, distance: f64, principal: Pixel) -> Camera {
+    let (u, v) = (circle.center.u - principal.u, circle.center.v - principal.v);
+    // Of the angle off the axis the sine is off tan(half angle) / radius.
+    let off = u.hypot(v) / circle.radius;
+    let half_angle = (1.0 / distance.max(NEAREST)).asin();
+    let widest = (MAX_FIELD_RAD.sin() / off).atan();
+    let half_angle = half_angle.min(widest);
+    let off_axis = (off * half_angle.tan()).asin();
+    pinhole(circle, 1.0 / half_angle.sin(), off_axis, v.atan2(u))
 }
 
 /// A pinhole at the given distance whose optical axis leaves the ball's center under the angle

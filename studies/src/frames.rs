@@ -61,7 +61,7 @@ pub fn blur_estimator(pattern: &Pattern) -> Result<Estimator> {
 /// The workspace of such an estimator.
 pub type Workspace = EstimatorWorkspace;
 
-/// An image, told nothing.
+/// An image, without a prior.
 pub fn alone<'a>(
     estimator: &Estimator,
     image: impl Into<ImageView<'a>>,

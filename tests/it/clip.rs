@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::Value;
-use spindoe::clip::{self, BallEstimate, Batch, BatchConfig, BatchObserver, Work};
+use spindoe::clip::{self, BallEstimate, Batch, BatchConfig, BatchFrame, BatchObserver, Work};
 use spindoe::geometry::CameraFrame;
 use spindoe::image::RgbImage;
 use spindoe::spin::orientations::{OrientationReader, Orientations};
@@ -23,7 +23,7 @@ impl BatchObserver for Counted {
         Ok(())
     }
 
-    fn progress(&self, _: usize) {
+    fn progress(&self, _: &[BatchFrame<()>]) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 }
@@ -248,4 +248,55 @@ fn a_mirrored_stream_is_read_as_its_camera_saw_it() {
             >= 4
     );
     assert_eq!(lines("m", &["--mirrored"]), direct);
+}
+
+#[test]
+fn dark_balls_with_bright_dots_are_read_as_negatives() {
+    let dir = tempfile::tempdir().unwrap();
+    let make = ["synth", "dots20", "--frames", "4", "--seed", "4", "-o", "c"];
+    done(dir.path(), &make);
+    let folder = dir.path().join("dark");
+    std::fs::create_dir(&folder).unwrap();
+    let mut images: Vec<PathBuf> = std::fs::read_dir(dir.path().join("c/images"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    images.sort();
+    let mut stream = Vec::new();
+    for path in &images {
+        // Made by another library.
+        let mut negative = image::open(path).unwrap();
+        negative.invert();
+        let to = folder.join(path.file_name().unwrap());
+        negative.save(&to).unwrap();
+        stream.extend(std::fs::read(to).unwrap());
+    }
+    std::fs::write(dir.path().join("stream"), stream).unwrap();
+    let bright = ["--config", "bright_dots=true"];
+    let rows = |images: &str, flags: &[&str]| {
+        let asked = ["estimate", "--table", "c/table.npz", images];
+        done(dir.path(), &[&asked[..], flags].concat())
+    };
+    let direct = rows("c/images", &[]);
+    assert_eq!(direct.lines().count(), 5, "{direct}");
+    assert_eq!(rows("dark", &bright), direct);
+    // As they are they show no dots, and the reason says what to do.
+    let asked = ["estimate", "--table", "c/table.npz", "dark"];
+    crate::common::refused(dir.path(), &asked, 3, "bright_dots=true");
+    // Where there is no ball that is no reason.
+    let empty = dir.path().join("empty.png");
+    let gray = RgbImage::new(80, 80, vec![[0.4; 3]; 6_400]).unwrap();
+    gray.write_png(&empty).unwrap();
+    let asked = ["estimate", "--table", "c/table.npz", "empty.png"];
+    let output = spindoe(dir.path(), &asked);
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(!error.contains("bright_dots"), "{error}");
+    // A stream likewise.
+    let live = ["live", "--table", "c/table.npz", "stream", "--fps", "350"];
+    let lines = done(dir.path(), &[&live[..], &bright].concat());
+    let poses = lines.lines().map(|line| {
+        let line: Value = serde_json::from_str(line).unwrap();
+        usize::from(line["confidence"].is_number())
+    });
+    assert_eq!(poses.sum::<usize>(), 4, "{lines}");
 }

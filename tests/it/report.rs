@@ -139,6 +139,7 @@ fn calibration(dir: &Path) -> PathBuf {
         is_design: true,
         frames: &clip.frames,
         times_s,
+        dot_radius_rad: None,
     };
     let trials = CalibrationEvaluationConfig {
         samples: 60,
@@ -173,9 +174,9 @@ fn a_calibration_has_a_page_of_its_own() {
     let report = std::fs::read_to_string(&json).unwrap();
     for (from, to, named) in [
         (
-            "\"format_version\": 3",
+            "\"format_version\": 4",
             "\"format_version\": 99",
-            "expected version 3, found 99",
+            "expected version 4, found 99",
         ),
         ("\"views\"", "\"looks\"", "views"),
         (

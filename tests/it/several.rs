@@ -707,6 +707,22 @@ fn several_balls_are_warned_of_their_inputs_as_one_is() {
             );
         }
     }
+    // Times are judged within each input: what goes back there is named, what begins anew with the next is no fault of either.
+    let within = said(&["--times", "times.csv"]);
+    assert!(
+        within.contains("the times of named do not increase"),
+        "{within}"
+    );
+    for clip in ["a", "b"] {
+        done(
+            dir.path(),
+            &["synth", "dots20", "--frames", "2", "-o", clip],
+        );
+    }
+    let two = spindoe(dir.path(), &["estimate", "--table", "dots20", "a", "b"]);
+    let two = String::from_utf8_lossy(&two.stderr).into_owned();
+    let words = "the times do not increase from one of the 2 inputs to the next";
+    assert!(two.contains(words), "{two}");
 }
 
 #[test]

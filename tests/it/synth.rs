@@ -871,3 +871,31 @@ fn presets_stay_within_their_bounds() {
         assert!(truth.rim_visible == 1.0 && truth.occluder.is_none());
     }
 }
+
+#[test]
+fn the_axis_of_a_whole_picture_is_near_its_middle() {
+    let pattern = random_pattern(20, 2);
+    let config = SynthConfig {
+        image_px: Some([640, 480]),
+        ball_px: Some([40.0, 120.0]),
+        parallel_share: 0.0,
+        ..SynthConfig::default()
+    };
+    let count = 200;
+    let mut squares = 0.0;
+    for k in 0..count {
+        let scene = Scene::random(&pattern, &config, &mut frame_rng(31, k)).unwrap();
+        let Camera::Perspective(k) = scene.camera else {
+            panic!("no pinhole");
+        };
+        let (u, v) = (k.cx - 319.5, k.cy - 239.5);
+        squares += u * u + v * v;
+        // The ball is within the field of a wide lens.
+        let center = scene.circle.center;
+        let off = (center.u - k.cx).hypot(center.v - k.cy) / k.fx;
+        assert!(off < 0.6f64.tan() + 1e-9, "{off}");
+    }
+    // Two coordinates of 16 pixels each.
+    let sigma = (squares / (2 * count) as f64).sqrt();
+    assert!((14.0..18.0).contains(&sigma), "{sigma}");
+}

@@ -9,7 +9,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/spindoe_ros"]),
         ("share/spindoe_ros", ["package.xml"]),
-        ("share/spindoe_ros/launch", ["launch/spindoe.launch.py"]),
+        ("share/spindoe_ros/config", ["config/spindoe.yaml"]),
+        ("share/spindoe_ros/launch", ["launch/pipeline.launch.py", "launch/spindoe.launch.py"]),
     ],
     install_requires=["setuptools", "spindoe"],
     license="MIT OR Apache-2.0",

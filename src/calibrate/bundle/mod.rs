@@ -13,7 +13,7 @@
 //! distribution", JASA 84, 1989). The frames are eliminated by the Schur complement ([`schur`]).
 //!
 //! # Covariances
-//! The weights' mean is 1, but a detection tells less than that: the information of Student's
+//! The weights' mean is 1, but a detection says less than that: the information of Student's
 //! distribution in two dimensions is `S^-1 (nu + 2) / (nu + 4)` (Lange et al., Appendix B). The
 //! covariances are the inverse of that information, those of the steps would be too small by 2/9.
 //!

@@ -1,7 +1,8 @@
 //! Which of a ball's marks are taken for its dots, where that is clear.
 //!
 //! Nothing may be in doubt, and no dot may be hidden: the expected number of dots where no view shows the surface, or where fingers cover it in most views,
-//! must be small. Where it is in doubt a person who looks at the ball's surface can say which marks are its dots; a number of dots only checks.
+//! must be small. Where it is in doubt a person who looks at the ball's surface can say which marks are its dots. A number of dots checks, and
+//! decides where as many marks look like dots and nothing else does: what is in doubt is then none.
 
 use super::UnknownRejection;
 use super::candidates::{Candidate, Candidates, Kind};
@@ -30,6 +31,22 @@ pub enum KnownDots {
     Number(usize),
     /// Which of the marks of an earlier survey of this clip they are, by their directions there.
     Marks(Vec<Vec3>),
+}
+
+impl KnownDots {
+    /// Whether so many marks like dots are all of a ball's dots, beside so many in doubt.
+    fn check(&self, likely: usize, doubtful: usize) -> Result<(), UnknownRejection> {
+        match *self {
+            // Where as many look like dots as there are, what is in doubt is none.
+            Self::Number(expected) if expected == likely => Ok(()),
+            _ if doubtful > 0 => Err(UnknownRejection::Doubtful { likely, doubtful }),
+            Self::Number(expected) => {
+                let found = likely;
+                Err(UnknownRejection::WrongNumber { expected, found })
+            }
+            Self::Nothing | Self::Marks(_) => Ok(()),
+        }
+    }
 }
 
 /// Why the dots are not clear, and where something is that the clip does not show well enough.
@@ -72,15 +89,15 @@ impl Candidates {
             let rejection = UnknownRejection::TurnedAway { dots };
             return Err(Unclear::about(rejection, away.dot.direction));
         }
-        let (sure, doubtful) = (of(Kind::Dot).count(), of(Kind::Doubtful).count());
-        self.check_blind(sure)?;
+        let (likely, doubtful) = (of(Kind::Dot).count(), of(Kind::Doubtful).count());
+        self.check_blind(likely)?;
         if self.is_printed {
-            return Err(UnknownRejection::Printed { sure, doubtful }.into());
+            return Err(UnknownRejection::Printed { likely, doubtful }.into());
         }
         let covered = self.covered(surface);
         let share = covered.len() as f64 / surface.places.len() as f64;
         if let Some(first) = covered.first()
-            && share * sure as f64 > MAX_COVERED
+            && share * likely as f64 > MAX_COVERED
         {
             let blind = self.blind + share;
             return Err(Unclear::about(
@@ -88,16 +105,8 @@ impl Candidates {
                 *first,
             ));
         }
-        if doubtful > 0 {
-            return Err(UnknownRejection::Doubtful { sure, doubtful }.into());
-        }
-        match *known {
-            KnownDots::Number(expected) if expected != sure => {
-                let found = sure;
-                Err(UnknownRejection::WrongNumber { expected, found }.into())
-            }
-            _ => Ok(of(Kind::Dot).collect()),
-        }
+        known.check(likely, doubtful)?;
+        Ok(of(Kind::Dot).collect())
     }
 
     /// The marks that are said to be the dots.
@@ -129,5 +138,29 @@ impl Candidates {
         let known = self.dots.iter().filter(|c| c.kind != Kind::Other);
         let known = known.map(|c| (c.dot.direction, BEYOND[0] * c.radius + BEYOND[1]));
         surface.dark(known, COVERED * self.darkness, WHOLE * self.radius)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_known_number_of_likely_dots_settles_doubtful_marks() {
+        let number = KnownDots::Number(18);
+        assert_eq!(number.check(18, 0), Ok(()));
+        assert_eq!(number.check(18, 1), Ok(()));
+        for (known, likely) in [(&KnownDots::Nothing, 18), (&number, 17), (&number, 19)] {
+            let words = known.check(likely, 1).expect_err("a refusal").to_string();
+            let said =
+                format!("1 mark may be a dot or print, beside {likely} marks that look like dots");
+            assert!(words.starts_with(&said), "{words}");
+        }
+        let words = number.check(19, 0).expect_err("a refusal").to_string();
+        assert_eq!(
+            words,
+            "expected 18 dots, the clip shows 19 marks that look like dots"
+        );
+        assert_eq!(KnownDots::Nothing.check(19, 0), Ok(()));
     }
 }

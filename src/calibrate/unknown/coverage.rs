@@ -53,7 +53,7 @@ impl Map<'_> {
     /// What may be a dot of the ball.
     ///
     /// # Errors
-    /// Where too little tells what a dot looks like.
+    /// Where too little shows what a dot looks like.
     pub fn judge(
         &self,
         surface: &Surface,

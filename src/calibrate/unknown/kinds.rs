@@ -48,7 +48,7 @@ const SUSPECTED: f64 = 0.15;
 const SEEN: f64 = 0.4;
 /// Where the middle dot has a smaller likeness, the detector misses too many.
 const HARDLY: f64 = 0.3;
-/// Fewer views do not tell.
+/// Fewer views decide nothing.
 const FEW_VIEWS: usize = 8;
 /// Where all is less dark, over the middle dot, the surface is bare, whatever the detector saw in some frames.
 const BARE: f64 = 0.07;
@@ -58,7 +58,7 @@ const FRINGE: f64 = 0.2;
 const PRINT: f64 = 0.4;
 const PRINT_LIKENESS: f64 = 0.2;
 const NEAR_PRINT: f64 = 0.3;
-/// Fewer discs that the detector finds too do not tell what a dot looks like.
+/// Fewer discs that the detector finds too do not show what a dot looks like.
 const MIN_TYPICAL: usize = 4;
 
 /// What a dot looks like.
@@ -80,7 +80,7 @@ struct Witnessed<'m> {
 }
 
 impl Witnessed<'_> {
-    /// Whether enough frames show the mark to tell.
+    /// Whether enough frames show the mark to decide.
     fn is_shown(&self) -> bool {
         self.mark.views >= FEW_VIEWS && self.contrast.views >= FEW_VIEWS
     }
@@ -90,7 +90,7 @@ impl Map<'_> {
     /// What may be a dot among the marks of the surface. `blind` is the share of it that no view shows.
     ///
     /// # Errors
-    /// Where too few marks tell what a dot looks like.
+    /// Where too few marks show what a dot looks like.
     pub fn candidates(
         &self,
         (marks, contrasts): (&[Mark], &[Contrast]),
@@ -337,7 +337,7 @@ impl Typical {
                 Kind::Dot
             }
             () if may_be_disc && is_dark(HARDLY_DARK) => Kind::Doubtful,
-            // Too few frames face it to tell, or fingers cover it in many.
+            // Too few frames face it to decide, or fingers cover it in many.
             () if is_known && likeness >= SUSPECTED && may_be_disc => Kind::Dot,
             // What many views show, most of them not, and no dot of the map, a hand has left.
             () if likeness < SEEN && !is_known && is_shown => Kind::Other,

@@ -124,6 +124,13 @@ impl<'a> Map<'a> {
         }
     }
 
+    /// The placed frames, by their places among the estimates.
+    pub fn placed_frames(&self) -> Vec<usize> {
+        let frames = self.frames.iter().zip(&self.placed);
+        let placed = frames.filter(|(_, placed)| placed.is_some());
+        placed.map(|(frame, _)| frame.index).collect()
+    }
+
     /// Number of placed frames.
     pub fn count(&self) -> usize {
         self.placed.iter().flatten().count()
@@ -278,7 +285,7 @@ impl<'a> Map<'a> {
         ahead.chain(beside).collect()
     }
 
-    /// How well the turn between two frames tells the next: what the placed frames show.
+    /// How well the turn between two frames predicts the next: what the placed frames show.
     fn learn_turns(&mut self) {
         let rotation = |k: usize| Some(self.placed[k].as_ref()?.rotation);
         let mut errors: Vec<f64> = (2..self.placed.len())

@@ -34,6 +34,7 @@ use super::config::CalibrationConfig;
 use super::result::CalibrationRejection;
 use crate::error::{Error, Result, are, counted, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
+use crate::stats::median;
 use crate::vision::FrameEstimate;
 use crate::vision::painted::PaintedFrame;
 
@@ -52,6 +53,14 @@ pub use survey::{MarkedSurface, MissingSide, Side, SurfaceMark, SurfacePlace, Su
 /// What so many marks are.
 fn a_dot(count: usize) -> &'static str {
     if count == 1 { "a dot" } else { "dots" }
+}
+
+/// So many marks, each of which is a dot or print that looks like one.
+fn like_dots(count: usize) -> String {
+    match count {
+        1 => "1 mark that looks like a dot".to_owned(),
+        _ => format!("{count} marks that look like dots"),
+    }
 }
 
 /// Minimum number of dots of a frame that begins a map.
@@ -76,6 +85,14 @@ pub struct BuiltPattern {
     pub radii_rad: Vec<f64>,
     /// Share of the ball's surface that hardly any frame shows: a dot there is not in the pattern.
     pub blind: f64,
+}
+
+impl BuiltPattern {
+    /// About the angular radius of its middle dot, radians, where pixels were looked at.
+    pub fn middle_radius_rad(&self) -> Option<f64> {
+        let mut radii = self.radii_rad.clone();
+        (!radii.is_empty()).then(|| median(&mut radii))
+    }
 }
 
 /// Why no pattern can be built from a clip.
@@ -115,22 +132,22 @@ pub enum UnknownRejection {
     /// Marks that may be dots or print.
     #[error(
         "{} may be {} or print, beside {}: a person must say which are dots",
-        counted(*doubtful, "mark"), a_dot(*doubtful), counted(*sure, "sure dot")
+        counted(*doubtful, "mark"), a_dot(*doubtful), like_dots(*likely)
     )]
     Doubtful {
-        /// Marks that are dots.
-        sure: usize,
+        /// Marks that look like dots.
+        likely: usize,
         /// Marks that may be.
         doubtful: usize,
     },
     /// Print beside the dots.
     #[error(
-        "there is print on the ball, beside {} and {doubtful} that may be: a person must say which are dots",
-        counted(*sure, "likely dot")
+        "there is print on the ball, beside {} and {doubtful} that may be dots: a person must say which are dots",
+        like_dots(*likely)
     )]
     Printed {
         /// Marks that look like dots.
-        sure: usize,
+        likely: usize,
         /// Marks that may be.
         doubtful: usize,
     },
@@ -205,11 +222,11 @@ pub enum UnknownRejection {
     #[error(transparent)]
     Uncalibrated(CalibrationRejection),
     /// Another number of dots than expected.
-    #[error("expected {}, the clip shows {found}", counted(*expected, "dot"))]
+    #[error("expected {}, the clip shows {}", counted(*expected, "dot"), like_dots(*found))]
     WrongNumber {
         /// Dots expected.
         expected: usize,
-        /// Dots found.
+        /// Marks that look like dots.
         found: usize,
     },
     /// Marks that are said to be dots and are none of this clip's.
@@ -277,8 +294,11 @@ pub fn build_pattern(
         }
     };
     config.check()?;
-    let map = grown(estimates, config)?;
-    Ok(map.and_then(|map| map.finish_by_detections(expected)))
+    let grown = grown(estimates, config)?;
+    Ok(grown.and_then(|(map, rich)| {
+        map.connected(rich)?;
+        map.finish_by_detections(expected)
+    }))
 }
 
 /// As [`build_pattern`], with what the clip shows of the ball and what it lacks.
@@ -298,14 +318,20 @@ pub fn survey(
         "as many as the estimates",
         shown.len(),
     )?;
-    let mut map = match grown(estimates, config)? {
-        Ok(map) => map,
+    let (mut map, rich) = match grown(estimates, config)? {
+        Ok(grown) => grown,
         Err(rejection) => return Ok(Survey::rejected(estimates.len(), rejection)),
     };
+    if let Err(rejection) = map.connected(rich) {
+        return Ok(Survey {
+            placed: map.placed_frames(),
+            ..Survey::rejected(estimates.len(), rejection)
+        });
+    }
     let covered = Surface::new(&mut map, shown)?;
     let Some(dot) = MiddleDisc::of(&marks(&covered)) else {
         return Ok(Survey {
-            placed: map.count(),
+            placed: map.placed_frames(),
             shown: covered.shown(),
             ..Survey::rejected(estimates.len(), UnknownRejection::NoDots)
         });
@@ -317,7 +343,7 @@ pub fn survey(
     let pattern = candidates.and_then(|c| map.finish(&c, &surface, known));
     Ok(Survey {
         frames: estimates.len(),
-        placed: map.count(),
+        placed: map.placed_frames(),
         dots: map.dots.len(),
         shown: surface.shown(),
         missing: match &pattern {
@@ -329,11 +355,11 @@ pub fn survey(
     })
 }
 
-/// The map of most frames, where they hang together.
+/// The map of most frames, and how many frames have the dots for one.
 fn grown<'a>(
     estimates: &'a [FrameEstimate],
     config: &'a CalibrationConfig,
-) -> Result<std::result::Result<Map<'a>, UnknownRejection>> {
+) -> Result<std::result::Result<(Map<'a>, usize), UnknownRejection>> {
     let frames: Vec<Seen> = estimates
         .iter()
         .enumerate()
@@ -360,10 +386,8 @@ fn grown<'a>(
             break;
         }
     }
-    let Some(map) = best else {
-        return Ok(Err(UnknownRejection::TooFewFrames { found, needed }));
-    };
-    Ok(map.connected(rich.len()).map(|()| map))
+    let too_few = UnknownRejection::TooFewFrames { found, needed };
+    Ok(best.map(|map| (map, rich.len())).ok_or(too_few))
 }
 
 /// Frames to begin with: rich in dots, spread over the clip.

@@ -20,7 +20,7 @@ const NEIGHBORS: f64 = 0.03;
 /// The bare ball about a place: this share of the places so near, radians, is no brighter.
 const BARE: f64 = 0.7;
 const ABOUT: f64 = 0.35;
-/// Places so near, radians, and views of them that tell whether there is nothing.
+/// Places so near, radians, and views of them that decide whether there is nothing.
 const NEAR: f64 = 0.03;
 const FEW_VIEWS: usize = 8;
 /// Where a smaller share of the places is dark it is not all dark.
@@ -166,7 +166,7 @@ impl Surface {
         sum / f64::max(count, 1.0)
     }
 
-    /// Whether the places about a direction are all less dark than `darkness`, in enough views to tell.
+    /// Whether the places about a direction are all less dark than `darkness`, in enough views to decide.
     pub fn is_bare(&self, direction: &Vec3, darkness: f64) -> bool {
         let mut is_bare = true;
         self.near(direction, NEAR, |k| {

@@ -12,33 +12,43 @@ const TRIED: usize = 16;
 const HOLE: f64 = 0.4;
 /// What is turned away so far, as the cosine of its angle to the camera, is behind the ball; what is turned to it so far, visible.
 const BEHIND: f64 = -0.75;
-const IN_SIGHT: f64 = 0.2;
+const VISIBLE: f64 = 0.2;
 
 /// What a clip shows of a ball without a table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Survey {
     /// Frames looked at.
     pub frames: usize,
-    /// Frames that are placed.
-    pub placed: usize,
+    /// The frames that are placed, by their places among the estimates, ascending.
+    pub placed: Vec<usize>,
     /// Dots found so far.
     pub dots: usize,
     /// Share of the ball's surface that the frames show.
     pub shown: f64,
     /// Where what the frames lack lies.
     pub missing: Option<MissingSide>,
-    /// The ball's surface with its marks, where the frames hang together and tell what a dot looks like.
+    /// The ball's surface with its marks, where the frames hang together and show what a dot looks like.
     pub surface: Option<MarkedSurface>,
     /// The pattern, or why there is none yet.
     pub pattern: std::result::Result<BuiltPattern, UnknownRejection>,
 }
 
 impl Survey {
+    /// Marks in doubt that a pattern leaves out, since as many others look like dots as there are.
+    pub fn left_out(&self) -> usize {
+        let marks = self.surface.iter().flat_map(|s| &s.marks);
+        let doubtful = marks.filter(|mark| mark.kind == MarkKind::Doubtful);
+        match self.pattern {
+            Ok(_) => doubtful.count(),
+            Err(_) => 0,
+        }
+    }
+
     /// Where nothing can be said of the ball's surface.
     pub(super) fn rejected(frames: usize, rejection: UnknownRejection) -> Self {
         Self {
             frames,
-            placed: 0,
+            placed: Vec::new(),
             dots: 0,
             shown: 0.0,
             missing: None,
@@ -137,14 +147,14 @@ pub enum Side {
     /// On the far side.
     Behind,
     /// It faces the camera: something covers it, or it was there too briefly.
-    InSight,
+    Visible,
 }
 
 impl Side {
     /// Of a direction in the view frame.
     fn of(direction: &Vec3) -> Self {
         match direction {
-            d if d.z > IN_SIGHT => Self::InSight,
+            d if d.z > VISIBLE => Self::Visible,
             d if d.z < BEHIND => Self::Behind,
             d if d.x.abs() >= d.y.abs() && d.x < 0.0 => Self::Left,
             d if d.x.abs() >= d.y.abs() => Self::Right,
@@ -161,7 +171,7 @@ impl Side {
             Self::Top => "beyond the upper edge of the ball",
             Self::Bottom => "beyond the lower edge of the ball",
             Self::Behind => "on the far side of the ball",
-            Self::InSight => "visible, but covered or shown too briefly",
+            Self::Visible => "visible, but covered or shown too briefly",
         }
     }
 }

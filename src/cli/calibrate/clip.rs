@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 
 use super::unknown::{self, UnknownBall};
 use super::{Arguments, no_answer};
-use crate::ball::Ball;
+use crate::ball::{Ball, DesignRecord};
 use crate::calibrate::{
     Calibration, CalibrationConfig, KnownDots, MarkedSurface, calibrate, identify_frames,
 };
-use crate::cli::inputs::{self, Counting};
-use crate::clip::{self, Batch, BatchConfig, BatchFrame, SequenceOutcome};
+use crate::cli::inputs::{self, Counting, by_input};
+use crate::clip::{self, Batch, BatchConfig, BatchFrame};
 use crate::error::{Error, Result};
 use crate::vision::{Estimator, FrameEstimate};
 
@@ -23,21 +23,27 @@ pub(super) struct CalibratedClip {
     pub surface: Option<MarkedSurface>,
     pub frames: IdentifiedFrames,
     pub calibration: Calibration,
+    /// Angular radius of its dots, radians, where it is known.
+    pub dot_radius_rad: Option<f64>,
 }
 
 /// Frames identified with one ball.
 pub(super) struct IdentifiedFrames {
     pub estimates: Vec<FrameEstimate>,
+    /// The file of each; empty of a pipe.
+    pub files: Vec<PathBuf>,
     /// Their times, where these are known.
     pub times_s: Option<Vec<f64>>,
 }
 
 impl IdentifiedFrames {
     fn of(mut batch: Batch<()>) -> Self {
+        let files = inputs::files_of(&batch);
         let frames = batch.frames.iter_mut();
         let estimates = frames.map(BatchFrame::take_estimate).collect();
         Self {
             times_s: batch.times_s(),
+            files,
             estimates,
         }
     }
@@ -67,6 +73,7 @@ pub(super) fn read(
                 let frames = IdentifiedFrames::of(batch);
                 return Ok(CalibratedClip {
                     calibration: clip.calibrated(arguments, &frames, config)?,
+                    dot_radius_rad: clip.built.middle_radius_rad(),
                     ball,
                     is_design: false,
                     surface: clip.surface,
@@ -82,7 +89,13 @@ pub(super) fn read(
     let times = frames.times_s.as_deref();
     let found = calibrate(ball.pattern(), &frames.estimates, times, config)?;
     Ok(CalibratedClip {
-        calibration: found.map_err(|rejection| no_answer(&arguments.clip[0], &rejection))?,
+        calibration: found.map_err(|rejection| {
+            let is_identified = |k: usize| frames.estimates[k].pose().is_some();
+            let clip = &arguments.clip;
+            let each = by_input(clip, &frames.files, "identified", is_identified);
+            no_answer(inputs::named(clip), &format!("{rejection}{each}"))
+        })?,
+        dot_radius_rad: ball.design().map(DesignRecord::dot_radius_rad),
         ball,
         is_design: true,
         surface: None,
@@ -98,12 +111,10 @@ fn estimated(
     config: &CalibrationConfig,
 ) -> Result<Batch<()>> {
     let estimator = Estimator::for_ball(ball, config.estimator, arguments.images.detector()?)?;
-    let counting = Counting::new(&arguments.clip, ());
+    let counting = Counting::new(&arguments.clip, ()).of_dots(ball.pattern().len());
     let batch = clip::run(&estimator, &arguments.clip, settings, &counting)?;
     counting.finish();
-    if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
-        errln!("note: the times do not increase from frame to frame: they are not used");
-    }
+    inputs::say_not_increasing(&batch, &arguments.clip, "the times are not used");
     if let Some(problem) = batch.times.problem() {
         errln!("note: {problem}: give --fps");
     }

@@ -3,14 +3,14 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::clip::{CalibratedClip, IdentifiedFrames};
-use super::unknown::stand_in;
+use super::unknown::{say_left_out, stand_in};
 use super::{Arguments, no_answer};
 use crate::ball::Ball;
 use crate::calibrate::live::{LiveClip, LivePattern};
 use crate::calibrate::{CalibrationConfig, KnownDots, MissingSide, Survey, UnknownRejection};
-use crate::cli::images::ImageArguments;
 use crate::cli::pipe::Pipe;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, counted};
+use crate::image::Picture;
 use crate::source::Frame;
 use crate::vision::Prior;
 
@@ -44,7 +44,7 @@ pub(super) fn read(
     let answer = "spindoe: no more frames are taken; once more ends at once";
     let stop = crate::cli::interrupt::stop_on_interrupt(answer)?;
     let mut clip = LiveClip::new(stand_in(arguments, config)?, known, config.clone());
-    let found = filmed(&mut pipe, &mut clip, &prior, &arguments.images, &stop)?;
+    let found = filmed(&mut pipe, &mut clip, &prior, arguments, &stop)?;
     // From here on a signal ends the process.
     stop.store(true, Ordering::Relaxed);
     if let Some(found) = found {
@@ -61,11 +61,13 @@ pub(super) fn read(
         if why.is_of_marks() {
             reason += "; to name the dots (--marks) give the clip as a file";
         }
-        no_answer(&pipe.name, &reason)
+        no_answer(pipe.name.clone(), &reason)
     };
+    let left_out = survey.left_out();
     let missing = survey.missing;
     let built = survey.pattern;
     let built = built.map_err(|why| refused(&why, missing.as_ref()))?;
+    say_left_out(arguments, left_out);
     let found = clip.confirm(built)?;
     Ok(found.map_err(|why| refused(&why, why.side()))?.into())
 }
@@ -75,7 +77,7 @@ fn filmed(
     pipe: &mut Pipe,
     clip: &mut LiveClip,
     prior: &Prior,
-    images: &ImageArguments,
+    arguments: &Arguments,
     stop: &AtomicBool,
 ) -> Result<Option<LivePattern>> {
     let mut frame = Frame::default();
@@ -99,10 +101,14 @@ fn filmed(
             }
             Err(problem) => return Err(problem),
         };
+        if arguments.images.bright_dots {
+            let picture = std::mem::replace(&mut frame.picture, Ok(Picture::default()));
+            frame.picture = picture.and_then(Picture::negative);
+        }
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;
         let view = picture.view()?;
-        images.check_size([view.width(), view.height()])?;
+        arguments.images.check_size([view.width(), view.height()])?;
         clip.push(picture, prior, time_s)?;
         taken += 1;
         if taken == EMPTY && clip.frames() == 0 {
@@ -110,9 +116,13 @@ fn filmed(
         }
         let Some(survey) = clip.poll()? else { continue };
         say(&survey);
+        let left_out = survey.left_out();
         if let Ok(built) = survey.pattern {
             match clip.confirm(built)? {
-                Ok(found) => break Some(found),
+                Ok(found) => {
+                    say_left_out(arguments, left_out);
+                    break Some(found);
+                }
                 Err(why) => errln!("not yet: {}", and_now(&why, why.side())),
             }
         }
@@ -132,12 +142,17 @@ fn say(survey: &Survey) {
 
 /// What is shown so far.
 fn so_far(survey: &Survey) -> String {
+    // Print is among them until it is known which are dots.
+    let what = match survey.pattern {
+        Ok(_) => "dot",
+        Err(_) => "mark",
+    };
     format!(
-        "{} of {} frames placed, {:.1} % of the ball shown, {} dots",
-        survey.placed,
+        "{} of {} frames placed, {:.1} % of the ball shown, {}",
+        survey.placed.len(),
         survey.frames,
         100.0 * survey.shown,
-        survey.dots
+        counted(survey.dots, what)
     )
 }
 
@@ -152,11 +167,13 @@ fn and_now(why: &UnknownRejection, side: Option<&MissingSide>) -> String {
 impl From<LivePattern> for CalibratedClip {
     fn from(found: LivePattern) -> Self {
         Self {
+            dot_radius_rad: found.built.middle_radius_rad(),
             ball: Ball::new(found.built.pattern.clone()),
             is_design: false,
             surface: None,
             frames: IdentifiedFrames {
                 estimates: found.frames,
+                files: Vec::new(),
                 times_s: Some(found.times_s),
             },
             calibration: found.calibration,

@@ -6,7 +6,7 @@ mod marks;
 mod unknown;
 mod words;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 
@@ -143,6 +143,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         is_design: clip.is_design,
         frames: &clip.frames.estimates,
         times_s: clip.frames.times_s.as_deref(),
+        dot_radius_rad: clip.dot_radius_rad,
     };
     let counter = Counter::new(100, "% of the evaluation");
     let done = |share: f64| counter.set((100.0 * share) as u64);
@@ -164,9 +165,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if clip.surface.is_some() && known == KnownDots::Nothing {
         // Print that looks like a dot is one to every test.
         errln!(
-            "note: {} found: compare that with the ball and with {}; where it differs name the dots \
+            "note: {} taken for dots: compare them with the ball and with {}; where they differ name the dots \
              (--overwrite --marks)",
-            counted(clip.ball.pattern().len(), "dot"),
+            counted(clip.ball.pattern().len(), "mark"),
             arguments.output.join(marks::PICTURE).display()
         );
     }
@@ -206,6 +207,7 @@ impl Arguments {
             outline,
             circles,
             roi: self.images.roi()?,
+            bright_dots: self.images.bright_dots,
             clock: self.images.clock(&self.times)?,
             max_pixels: self.images.max_pixels,
             ..BatchConfig::default()
@@ -241,9 +243,9 @@ fn dots_number(text: &str) -> std::result::Result<usize, String> {
 }
 
 /// The clip of this name cannot be calibrated.
-fn no_answer(path: &Path, reason: &dyn std::fmt::Display) -> Error {
+fn no_answer(path: PathBuf, reason: &dyn std::fmt::Display) -> Error {
     Error::NoAnswer {
-        path: path.to_path_buf(),
+        path,
         reason: reason.to_string(),
     }
 }

@@ -9,9 +9,10 @@ use crate::calibrate::{
     BuiltPattern, Calibration, CalibrationConfig, KnownDots, MarkedSurface, MissingSide,
     SurfaceObserver, Survey, UnknownRejection, calibrate_built, matching_design, survey,
 };
-use crate::cli::inputs::{self, Counting};
+use crate::cli::inputs::{self, Counting, by_input};
+use crate::cli::output::{command_line, is_quiet};
 use crate::clip::{self, BatchConfig};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, are, counted};
 use crate::pattern::Pattern;
 use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate};
@@ -71,18 +72,30 @@ pub(super) fn find(
     let mut batch = clip::run(&estimator, &arguments.clip, &settings, &observer)?;
     observer.finish();
     inputs::say(&batch, &settings)?;
-    let names: Vec<String> = batch.frames.iter().map(|f| f.name.clone()).collect();
+    let files = inputs::files_of(&batch);
+    let names = inputs::names(&batch, &arguments.clip);
     let frames = batch.frames.iter_mut();
     let frames = frames.map(|f| (f.take_estimate(), std::mem::take(&mut f.kept)));
     let (frames, shown): (Vec<FrameEstimate>, Vec<PaintedFrame>) = frames.unzip();
+    if !is_quiet() {
+        errln!(
+            "laying {} on one ball, to find its dots",
+            counted(frames.len(), "frame")
+        );
+    }
+    let survey = survey(&frames, &shown, known, config)?;
+    say_left_out(arguments, survey.left_out());
     let Survey {
         pattern,
         surface,
         missing,
+        placed,
         ..
-    } = survey(&frames, &shown, known, config)?;
+    } = survey;
     let built = pattern.map_err(|why| {
-        let reason = lacking(&why, missing.as_ref(), &names);
+        let mut reason = lacking(&why, missing.as_ref(), &names);
+        let is_placed = |k: usize| placed.binary_search(&k).is_ok();
+        reason += &by_input(&arguments.clip, &files, "placed", is_placed);
         refused(arguments, &why, reason, surface.as_ref())
     })?;
     let patterns: Vec<Pattern> = designs.iter().map(|d| d.0.pattern().clone()).collect();
@@ -109,8 +122,11 @@ fn refused(
     reason += &match picture {
         Some(Err(problem)) => return problem,
         Some(Ok(picture)) if why.is_of_marks() => {
-            let picture = picture.display();
-            format!("; name the dots by their numbers in {picture} (--marks)")
+            let (picture, command) = (picture.display(), command_line());
+            format!(
+                "; look which of the numbered marks in {picture} are your dots, and name them, as in \
+                 `{command} --marks 0-17,19`"
+            )
         }
         Some(Ok(picture)) => format!("; {} shows the ball's surface", picture.display()),
         None if matches!(why, UnknownRejection::OtherMarks { .. }) => {
@@ -118,7 +134,19 @@ fn refused(
         }
         None => String::new(),
     };
-    no_answer(&arguments.clip[0], &reason)
+    no_answer(inputs::named(&arguments.clip), &reason)
+}
+
+/// Says that marks in doubt are none of the dots, whose number is given.
+pub(super) fn say_left_out(arguments: &Arguments, marks: usize) {
+    let is_left_out = marks > 0 && arguments.marks.is_none();
+    if let (Some(dots), true) = (arguments.dots, is_left_out) {
+        errln!(
+            "note: as many marks look like dots as --dots says ({dots}): {} in doubt {} left out",
+            counted(marks, "mark"),
+            are(marks)
+        );
+    }
 }
 
 /// Why there is no answer, and where what is missing lies in the frames of these names, if it is a side of the ball.

@@ -113,7 +113,7 @@ pub struct Arguments {
     #[arg(hide = true, long, value_name = "N", default_value_t = DesignConfig::default().climb_steps)]
     climb_steps: u64,
     /// Monte Carlo trials per candidate, again for each protocol of the winner's evaluation, and a
-    /// fifth of it for each point of the sensitivity sweeps.
+    /// tenth of it for each point of the sensitivity sweeps.
     #[arg(long, value_name = "N", default_value_t = DesignConfig::default().samples)]
     samples: u64,
     /// Settings and views together: paper is the way of the SpinDOE paper, steepest descent on the mean nearest-neighbor

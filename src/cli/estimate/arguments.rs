@@ -203,6 +203,7 @@ impl Arguments {
             independent: self.no_sequence,
             readout_s: 1e-3 * self.readout_ms.unwrap_or(0.0),
             mirrored: self.asked.mirrored,
+            bright_dots: source.bright_dots,
             verdict: !self.no_verdict,
             max_pixels: source.max_pixels,
             ..BatchConfig::default()

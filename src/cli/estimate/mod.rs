@@ -21,8 +21,8 @@ use clap::ArgMatches;
 use super::inputs::{self, Counting};
 use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::clip::{
-    self, BallEstimate, Batch, BatchConfig, BatchFrame, BatchObserver, SequenceOutcome,
-    SequenceRows, SequenceSmears, Work,
+    self, BallEstimate, Batch, BatchConfig, BatchFrame, BatchObserver, SequenceRows,
+    SequenceSmears, Work,
 };
 use crate::error::{Error, Result};
 use crate::files;
@@ -98,9 +98,8 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
         let chosen = &mut estimators[table];
         *chosen = calibrate_in_place(arguments, chosen, &config, &pictures, &mut batch)?;
     }
-    if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
-        inputs::say_not_increasing();
-    }
+    let so = "every frame is estimated independently";
+    inputs::say_not_increasing(&batch, &arguments.images, so);
     if several.is_some() {
         let report = balls::Report::new(asked, &batch, strobe.as_ref())?;
         #[cfg(feature = "plot")]
@@ -199,7 +198,7 @@ impl Arguments {
         match no_answer {
             None => Ok(()),
             Some(reason) => Err(Error::NoAnswer {
-                path: self.images[0].clone(),
+                path: inputs::named(&self.images),
                 reason,
             }),
         }

@@ -399,7 +399,17 @@ impl<'a> Report<'a> {
             0 => Some(self.verdict.rejection().unwrap_or_else(|| {
                 let first = self.batch.frames.first();
                 let why = first.map(|f| words(f.estimate())).unwrap_or_default();
-                format!("none of {count} frames is identified; the first: {why}")
+                // A ball was found, and no dots on it.
+                let is_found = self
+                    .batch
+                    .frames
+                    .iter()
+                    .any(|f| f.estimate().outline.is_some());
+                let negative = match is_found && !self.arguments.asked.source.bright_dots {
+                    true => " (a dark ball with bright dots: --config bright_dots=true)",
+                    false => "",
+                };
+                format!("none of {count} frames is identified; the first: {why}{negative}")
             })),
             _ => None,
         }

@@ -7,7 +7,7 @@ use super::written::{FoundSpin, add_orientation, add_spin, clip_json, say_times,
 use crate::ball::USUAL_BALL_MM;
 use crate::cli::inputs::{self, Counting};
 use crate::cli::spin_summary;
-use crate::clip::{self, Batch, BatchFrame, SequenceOutcome, SurfaceObserver};
+use crate::clip::{self, Batch, BatchFrame, SurfaceObserver};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::{CameraFrame, turned_covariance};
@@ -40,9 +40,7 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&Surface>) -> Result<()
     let mut batch = clip::run(&finder, &arguments.images, &config, &shown)?;
     shown.finish();
     inputs::say(&batch, &config)?;
-    if matches!(batch.sequence, SequenceOutcome::TimesNotIncreasing) {
-        errln!("note: the times do not increase from frame to frame: no spin");
-    }
+    inputs::say_not_increasing(&batch, &arguments.images, "no spin");
     let kept = batch.frames.iter_mut();
     let frames: Vec<PaintedFrame> = kept.map(|f| std::mem::take(&mut f.kept)).collect();
     say_small(&frames);
@@ -66,7 +64,7 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&Surface>) -> Result<()
     match is_answered {
         true => Ok(()),
         false => Err(Error::NoAnswer {
-            path: arguments.images[0].clone(),
+            path: inputs::named(&arguments.images),
             reason: match asked.table.first() {
                 None => "no frame shows the paint of another one".to_owned(),
                 Some(table) => format!("no frame shows the paint of {}", table.display()),

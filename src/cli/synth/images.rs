@@ -269,7 +269,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         pattern_sha256: pattern.sha256(),
         pattern: pattern.dots().iter().map(|d| (*d).into()).collect(),
         config: config.clone(),
-        sequence: clip,
+        sequence: clip.map(|clip| sequence.as_ref().map_or(clip, |s| s.taken(&clip))),
         strobe: strobe.clone(),
     };
     let clock = Instant::now();

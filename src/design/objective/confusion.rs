@@ -133,7 +133,7 @@ impl Confusion {
         let places = Places::new(n, quadruples);
         let mut weights = vec![0.0; quadruples.len()];
         let mut seen = vec![0.0; n];
-        let mut by_seen = vec![0.0; n];
+        let mut by_dot = vec![0.0; n];
         let mut in_view = Vec::with_capacity(n);
         for v in spiral_directions(VIEWS) {
             for (s, d) in seen.iter_mut().zip(dots) {
@@ -142,22 +142,25 @@ impl Confusion {
             let count = Count::new(&seen);
             in_view.clear();
             in_view.extend((0..n).filter(|&i| seen[i] >= MIN_PRODUCT));
-            by_seen.fill(0.0);
+            by_dot.fill(0.0);
             let mut total = 0.0;
-            for_each_quadruple(&in_view, &seen, |quadruple, product| {
-                let Some(at) = places.of(quadruple) else {
+            let of_product = 1.0 / (count.value * VIEWS as f64);
+            for_each_quadruple(&in_view, &seen, |quadruple, number, product| {
+                let Some(at) = places.of(number) else {
                     return;
                 };
-                let share = product / (count.value * VIEWS as f64);
+                let share = product * of_product;
                 weights[at] += share;
-                total += failures[at] * share;
+                let failing = failures[at] * share;
+                total += failing;
                 for i in quadruple {
-                    by_seen[i] += failures[at] * share / seen[i];
+                    by_dot[i] += failing;
                 }
             });
-            for i in 0..n {
-                let by_count = total * count.derivatives[i] / count.value;
-                let by_z = (by_seen[i] - by_count) * seen[i] * (1.0 - seen[i]) / SOFTNESS;
+            for &i in &in_view {
+                // A product's derivative by one of its factors, times that factor, is the product.
+                let by_count = total * count.derivatives[i] / count.value * seen[i];
+                let by_z = (by_dot[i] - by_count) * (1.0 - seen[i]) / SOFTNESS;
                 gradient[i] += by_z * v;
             }
         }
@@ -165,24 +168,27 @@ impl Confusion {
     }
 }
 
-/// Calls `visit` with each four of these dots (ascending) and the product of their visibilities, unless it is
-/// below [`MIN_PRODUCT`]. A view shows a third of the dots, and so one in a hundred quadruples.
-fn for_each_quadruple(dots: &[usize], seen: &[f64], mut visit: impl FnMut([usize; 4], f64)) {
+/// Calls `visit` with each four of these dots (ascending), their [`number`] and the product of their visibilities,
+/// unless it is below [`MIN_PRODUCT`]. A view shows a third of the dots, and so one in a hundred quadruples.
+fn for_each_quadruple(dots: &[usize], seen: &[f64], mut visit: impl FnMut([usize; 4], usize, f64)) {
     for (w, &d) in dots.iter().enumerate() {
+        let number_of_d = choose(d, 4);
         for (z, &c) in dots[..w].iter().enumerate() {
             let two = seen[d] * seen[c];
             if two < MIN_PRODUCT {
                 continue;
             }
+            let number_of_cd = number_of_d + choose(c, 3);
             for (y, &b) in dots[..z].iter().enumerate() {
                 let three = two * seen[b];
                 if three < MIN_PRODUCT {
                     continue;
                 }
+                let number_of_bcd = number_of_cd + choose(b, 2);
                 for &a in &dots[..y] {
                     let product = three * seen[a];
                     if product >= MIN_PRODUCT {
-                        visit([a, b, c, d], product);
+                        visit([a, b, c, d], number_of_bcd + a, product);
                     }
                 }
             }
@@ -207,8 +213,9 @@ impl Places {
         Self { of_number }
     }
 
-    fn of(&self, dots: [usize; 4]) -> Option<usize> {
-        let at = self.of_number[number(dots)];
+    /// Of the four dots of this [`number`].
+    fn of(&self, number: usize) -> Option<usize> {
+        let at = self.of_number[number];
         (at != Self::NONE).then_some(at as usize)
     }
 }

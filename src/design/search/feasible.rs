@@ -28,7 +28,7 @@ const TRIES: u64 = 6;
 /// Steps of a descent between two checks of the constraints, and the number of checks.
 const STEPS: u64 = 10;
 const CHECKS: usize = 8;
-/// Attempts, and halvings of the interval, that tell which demand is too large and by how much.
+/// Attempts, and halvings of the interval, that find which demand is too large and by how much.
 const RELAXED_TRIES: u64 = 2;
 const BISECTIONS: usize = 3;
 /// Steps of a packing at each sharpness, and how often that doubles.

@@ -19,7 +19,8 @@ use crate::design::state::Candidate;
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::{Pattern, random_pattern};
-use crate::validate::{Proportion, ValidationConfig};
+use crate::recognize::NamedRecognizer;
+use crate::validate::{Proportion, Trials, ValidationConfig};
 
 /// Maximum displacement of the dots of an existing pattern that makes a start, radians.
 const SHAKE_RAD: f64 = 0.05;
@@ -210,10 +211,17 @@ pub(super) fn rate(
             seed,
             samples: samples.div_ceil(config.protocols.len() as u64),
         };
-        let found = match part.run_until(&ball, Some(stop)) {
-            Err(Error::Stopped) => return Ok(None),
-            found => found?.validation.answered,
+        let view = part.protocol.view();
+        let recognizer = NamedRecognizer::for_orientations(part.recognizer, &ball, view)?;
+        let run = Trials {
+            stop: Some(stop),
+            ..part.trials(ball.pattern())
         };
+        let results = match run.run(&recognizer, &|_| {}) {
+            Err(Error::Stopped) => return Ok(None),
+            results => results?,
+        };
+        let found = part.summary(&ball, &results).validation.answered;
         successes += found.successes;
         trials += found.trials;
     }

@@ -13,10 +13,14 @@ pub struct RobustConfig {
     pub passes: usize,
     /// Probability of the pose below which a view is also searched mirrored; 1 searches every view.
     pub mirror_doubt: f64,
+    /// Probability of the names below which the likely explanations are integrated over their rotations, which their
+    /// confidences need. 0 integrates none: the orientation is hardly ever another, its confidence less exact.
+    pub integrated_below: f64,
 }
 
 impl Default for RobustConfig {
-    /// The default view; at most 64 pairs; mirrored where the pose is less likely than 0.9.
+    /// The default view; at most 64 pairs; mirrored where the pose is less likely than 0.9; integrated where the names
+    /// are less likely than 0.9995.
     fn default() -> Self {
         Self::from(ViewModel::default())
     }
@@ -29,6 +33,7 @@ impl From<ViewModel> for RobustConfig {
             view,
             passes: 64,
             mirror_doubt: 0.9,
+            integrated_below: 0.9995,
         }
     }
 }
@@ -41,8 +46,12 @@ impl RobustConfig {
     pub fn check(&self) -> Result<()> {
         self.view.check()?;
         require(self.passes > 0, "passes", "1 or more", self.passes)?;
-        let p = self.mirror_doubt;
-        let inside = (0.0..=1.0).contains(&p);
-        require(inside, "mirror_doubt", "a probability", p)
+        for (name, p) in [
+            ("mirror_doubt", self.mirror_doubt),
+            ("integrated_below", self.integrated_below),
+        ] {
+            require((0.0..=1.0).contains(&p), name, "a probability", p)?;
+        }
+        Ok(())
     }
 }

@@ -84,9 +84,8 @@ const MIN_DOTS_BLIND: usize = 4;
 /// Nats behind the best explanation from which on others count for nothing.
 const NEGLIGIBLE: f64 = 14.0;
 /// Nats behind the best explanation up to which others are integrated over their rotations, where there is
-/// doubt: where the names are less likely than [`CLEAR`].
+/// doubt ([`RobustConfig::integrated_below`]).
 const INTEGRATED: f64 = 5.0;
-const CLEAR: f64 = 0.9995;
 /// Minimum probability at which a view counts as mirrored.
 const MIRROR_SURE: f64 = 0.9;
 
@@ -319,7 +318,7 @@ impl RobustRecognizer {
         let is_clear = found
             .confidence(best, &self.null, f64::NEG_INFINITY)
             .identity
-            > CLEAR;
+            > self.config.integrated_below;
         if self.uncertain.is_some() || is_clear {
             return;
         }

@@ -112,7 +112,7 @@ function drawnWords(d, i) {
     lines.push(`standard deviation ${fixed(p.sigma_deg, 2)}\u00b0 per axis`);
   }
   lines.push(
-    `seen in ${p.views} frame${p.views === 1 ? "" : "s"}, expected in ${fixed(p.expected_views, 0)}`,
+    `seen in ${p.views} frame${p.views === 1 ? "" : "s"}, in ${p.facing_views} of the ${p.facing_frames} in which it faces the camera`,
   );
   if (p.number !== null && p.number !== p.nominal_number)
     lines.push(`dot ${p.number} of the calibrated pattern`);
@@ -353,20 +353,20 @@ function coverageSection(d) {
   const charts = el("div", { class: "two" });
   charts.append(
     curves({
-      title: "Frames that show each dot",
+      title: "Frames in which each dot faces the camera",
       x: { label: "dot" },
       y: { label: "frames", low: 0, format: (v) => fixed(v, 0) },
       series: [
-        { name: "found", color: "var(--c0)", line: false, points: of((p) => p.views) },
+        { name: "found", color: "var(--c0)", line: false, points: of((p) => p.facing_views) },
         {
-          name: "expected at the rate of the others",
+          name: "in which it faces the camera",
           color: "var(--c1)",
           line: false,
           r: 2.2,
-          points: of((p) => p.expected_views),
+          points: of((p) => p.facing_frames),
         },
       ],
-      note: "Few frames: turn the ball so that this dot faces the camera, and film again. Expected but not found: the dot is missing or hidden.",
+      note: "Few frames: turn the ball so that this dot faces the camera, and film again. Facing but not found: the dot is missing or hidden.",
     }),
     curves({
       title: "How well each dot is known",
@@ -403,7 +403,7 @@ function residualSection(d) {
     node = section(
       "residuals",
       isDesign(d) ? "Is it better?" : "How well it fits",
-      `Frames that took no part: the clip is dealt into ${h.folds} folds, and each is identified with ${isDesign(d) ? "the nominal table and with " : ""}a calibration from the others.`,
+      `Frames that took no part: the clip is dealt into ${h.folds} folds, and each is identified with ${isDesign(d) ? "the nominal table and with " : ""}a calibration from the others. Residual: the angle between a detected dot and where the orientation puts it, root mean square of a frame's dots; the noise of a dot below is per axis, some 0.7 times as much.`,
     );
   if (!h.frames.length) {
     node.append(el("p", { text: "Too few frames to judge the calibration on others." }));
@@ -492,7 +492,7 @@ function drawnDots(d, ball) {
       ...(designed ? ["number now", "offset", "north", "east"] : ["mark"]),
       "sigma",
       "frames",
-      "expected",
+      "facing",
     ],
     d.dots.map((p, i) => {
       const angle = (v) => (isSeen(p) ? fixed(v, 2) + "\u00b0" : "\u2013"),
@@ -505,7 +505,7 @@ function drawnDots(d, ball) {
           : [number(p.mark)]),
         p.state === "missing" ? "\u2013" : fixed(p.sigma_deg, 2) + "\u00b0",
         String(p.views),
-        fixed(p.expected_views, 0),
+        `${p.facing_views} of ${p.facing_frames}`,
       ];
     }),
   );
@@ -516,9 +516,10 @@ function drawnDots(d, ball) {
   section(
     "dots",
     "The dots",
-    designed
+    (designed
       ? "The same values are in offsets.csv."
-      : "Dots are numbered as in pattern.csv and dots.png, marks as in marks.png.",
+      : "Dots are numbered as in pattern.csv and dots.png. Marks are numbered as in marks.png, by their likeness to a dot and before it is known which of them are dots: use these numbers with --marks only.") +
+      " frames: those that show the dot; facing: of those in which it faces the camera well, how many show it.",
   ).append(made);
 }
 

@@ -337,7 +337,7 @@ function stencilSection(d) {
           ["clearance", fixed(s.parameters.clearance_mm, 2) + " mm per side"],
           ["wall", fixed(s.parameters.wall_mm, 2) + " mm"],
           [
-            "holes in half A / B / both",
+            "holes in half A alone / in B alone / through both rims",
             `${count("a")} / ${count("b")} / ${s.dots.filter((x) => x.through_both_rims).length}`,
           ],
           ["nearest dot to the seam", fixed(s.seam_margin_deg, 1) + "\u00b0"],

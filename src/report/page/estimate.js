@@ -218,7 +218,7 @@ function spinSection(d) {
           : ""),
     );
   const plus = (x, e) =>
-    fixed(x, 3) + (e === undefined || e === null ? "" : " \u00b1 " + fixed(e, 3));
+    fixed(x, 3) + (e === undefined || e === null ? "" : " \u00b1\u00a0" + fixed(e, 3));
   node.append(
     table(
       ["", "x", "y", "z", "magnitude"],
@@ -246,6 +246,7 @@ function spinSection(d) {
           : []),
         ["axis", ...s.axis.map((c) => fixed(c, 4)), "1"],
       ],
+      { class: "wraps" },
     ),
   );
   if (s.over_time)

@@ -191,6 +191,7 @@ impl Default for EstimatorConfig {
                 passes: 10,
                 // A near-symmetric pattern fits its mirror image with any confidence.
                 mirror_doubt: 1.0,
+                ..RobustConfig::default()
             },
             placement_sigma_rad: 1.2f64.to_radians(),
             dot_probability: [LIKELY_DOT, 0.15],

@@ -10,12 +10,21 @@ use crate::geometry::{Position, Rotation};
 use crate::recognize::RecognizerRejection;
 use crate::vision::dots::detector::DotDetection;
 use crate::vision::dots::smear::DotBlur;
-use crate::vision::optics::camera::BallCircle;
+use crate::vision::optics::camera::{BallCircle, Pixel};
 use crate::vision::optics::grid::Grid;
 use crate::vision::optics::oval::Oval;
 use crate::vision::outline::circle::{BallFit, NoBall};
 use crate::vision::pose::trust::PoseEvidence;
 
+/// A picture of a sensor's shape whose shorter side is longer than so many radii of the ball is no crop about it: cut to
+/// 420 x 420 pixels, balls of 120 pixels far off the axis had distances half as long.
+const WHOLE_PICTURE: f64 = 6.0;
+/// The longer sides of sensors over their shorter ones.
+const SENSORS: [f64; 5] = [5.0 / 4.0, 4.0 / 3.0, 3.0 / 2.0, 16.0 / 10.0, 16.0 / 9.0];
+/// A picture of a sensor's shape is within so much of it: sides are multiples of some pixels.
+const SHAPE_TOLERANCE: f64 = 0.01;
+/// Standard deviation of an axis about the middle of its picture, of the longer side.
+const AXIS_SPREAD: f64 = 0.04;
 /// More detections than either detector gives for a ball: capacity for as many is reserved beforehand.
 pub(crate) const EXPECTED_DOTS: usize = 256;
 /// The rejection of a mirrored frame.
@@ -147,8 +156,35 @@ pub struct FrameEstimate {
     pub(crate) attempts: usize,
     /// What the outline was worth before its dots were seen.
     pub(crate) standing: Standing,
+    /// Where the camera's axis is expected; `None` in a crop, which may be cut from anywhere.
+    pub(crate) axis: Option<Axis>,
     /// The best pose of this outline by its detections, and where these leave doubt by all places where dots may be.
     pub(crate) hypotheses: [Option<Hypothesis>; 2],
+}
+
+/// Where a camera's axis meets its picture, before anything is seen: about the middle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Axis {
+    pub middle: Pixel,
+    /// Standard deviation of either coordinate, pixels.
+    pub sigma_px: f64,
+}
+
+impl Axis {
+    /// Of a picture of this size; `None` where it may be a crop: by its shape, or since the ball of this outline fills much of it.
+    pub fn of_picture(width: usize, height: usize, outline: &BallCircle) -> Option<Self> {
+        let [width, height] = [width, height].map(|n| n as f64);
+        let (short, long) = (width.min(height), width.max(height));
+        let is_sensor = |shape: &f64| (long / short / shape - 1.0).abs() < SHAPE_TOLERANCE;
+        let is_whole = short > WHOLE_PICTURE * outline.radius && SENSORS.iter().any(is_sensor);
+        is_whole.then(|| Self {
+            middle: Pixel {
+                u: 0.5 * (width - 1.0),
+                v: 0.5 * (height - 1.0),
+            },
+            sigma_px: AXIS_SPREAD * long,
+        })
+    }
 }
 
 /// What an outline is worth before the dots within it are seen.
@@ -199,6 +235,7 @@ impl FrameEstimate {
         earlier_attempts: 0,
         attempts: 0,
         standing: Standing::Likely,
+        axis: None,
         hypotheses: [None; 2],
         blurs: Vec::new(),
     };
@@ -312,6 +349,7 @@ impl FrameEstimate {
         self.hypotheses = [None; 2];
         self.blurs.clear();
         self.standing = Standing::Likely;
+        self.axis = None;
     }
 
     /// Takes back a pose.
@@ -330,4 +368,37 @@ impl FrameEstimate {
 /// Whether the dots are those of the mirrored pattern: no other outline makes up for that.
 pub(crate) fn is_mirrored(frame: &FrameEstimate) -> bool {
     matches!(frame.outcome, Err(MIRRORED))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(width: usize, height: usize, radius: f64) -> Option<Axis> {
+        let center = Pixel { u: 100.0, v: 80.0 };
+        Axis::of_picture(width, height, &BallCircle::new(center, radius))
+    }
+
+    #[test]
+    fn whole_pictures_have_their_axis_near_the_middle() {
+        for (width, height) in [
+            (640, 480),
+            (1280, 1024),
+            (1920, 1080),
+            (1080, 1920),
+            (1440, 1080),
+        ] {
+            let axis = axis(width, height, 60.0).expect("whole");
+            let middle = [0.5 * (width as f64 - 1.0), 0.5 * (height as f64 - 1.0)];
+            assert_eq!([axis.middle.u, axis.middle.v], middle);
+        }
+    }
+
+    #[test]
+    fn crops_may_be_cut_from_anywhere() {
+        // Square, of a shape that no sensor has, or about the ball.
+        for (width, height, radius) in [(420, 420, 60.0), (700, 480, 60.0), (640, 480, 81.0)] {
+            assert_eq!(axis(width, height, radius), None, "{width} x {height}");
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! Where the ball is expected by its outlines in other frames.
 //!
-//! Center and radius of a ball follow a smooth path. *Amid* a sequence ([`expected_outline`]) it is a parabola over a few frames (a
+//! Center and radius of a ball follow a smooth path. *Within* a sequence ([`expected_outline`]) it is a parabola over a few frames (a
 //! straight line for the radius, and where frames are few), fitted to the outlines of the nearest frames in time by iteratively
 //! reweighted least squares with Tukey's biweight. *Ahead* of the last frame ([`OutlineMotion`]) it is straight, by the last two
 //! outlines: a longer memory would lag behind a ball that falls.

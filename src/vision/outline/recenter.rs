@@ -15,7 +15,7 @@
 //! [`BallView`](crate::vision::optics::camera::BallView) has them: the center is where the ball's
 //! center is seen, the radius `sqrt(fx fy) |q| m tan a`. Distortion is undone here, and nowhere else.
 //!
-//! Without intrinsics an outline that is an ellipse beyond doubt tells the angle, and for a ball at a usual distance
+//! Without intrinsics an outline that is an ellipse beyond doubt gives the angle, and for a ball at a usual distance
 //! everything else ([`Intrinsics::of_ellipse`]): the ball is seen by such a camera, and a circle fitted there. Dots and
 //! outline are those of the ellipse when they are mapped back; the distance stays open, and to which side the ball stands
 //! follows from the dots when they are fitted.

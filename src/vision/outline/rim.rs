@@ -34,10 +34,11 @@ use crate::vision::optics::sums::Sums;
 
 /// Number of sectors.
 const SECTORS: usize = 32;
-/// Pixels are read from so many within the outline to so many beyond it, and as many deviations of the blur.
-const READ: ([f64; 2], f64) = ([3.0, 1.5], 1.2);
+/// Pixels are read from so many within the outline to so many beyond it, and so many deviations of the blur: what is
+/// behind the ball has to be seen apart from its edge.
+const READ: ([f64; 2], [f64; 2]) = ([3.0, 1.5], [1.2, 2.5]);
 /// Of larger balls every second, third, ... pixel is read, so that there are about so many.
-const MANY_PIXELS: f64 = 800.0;
+const MANY_PIXELS: f64 = 3000.0;
 /// Capacity for pixels beforehand.
 const EXPECTED_PIXELS: usize = 4096;
 /// Fewer pixels say nothing of a sector.
@@ -46,12 +47,14 @@ const MIN_PIXELS: usize = 12;
 const STEPS: usize = 3;
 /// Maximum change of the outline, pixels.
 const MAX_CHANGE: f64 = 1.5;
+/// After a larger one it is fitted again about the changed outline, pixels.
+const FAR: f64 = 0.25;
 /// The blur's standard deviation, of that of the dots.
-const BLUR_SPREAD: f64 = 0.3;
+const BLUR_SPREAD: f64 = 0.1;
 /// Standard deviation of a sector's place beyond what its pixels say, pixels: what is behind the ball is not even.
 const SECTOR_ERROR: f64 = 0.03;
 /// A sector that is known worse says nothing, pixels.
-const MAX_SECTOR_ERROR: f64 = 0.3;
+const MAX_SECTOR_ERROR: f64 = 0.6;
 /// Steps, and degrees of freedom, of the fit to the sectors.
 const ROUNDS: usize = 6;
 const DEGREES: f64 = 3.0;
@@ -67,8 +70,12 @@ const LEAST_VARIANCE: f64 = 1e-8;
 const BENDS: [f64; 3] = [0.0, 0.5, 1.0];
 /// The least deviation of the bend: curves of cameras are not quite of this family.
 const MIN_BEND_ERROR: f64 = 0.1;
-/// Pixels count as so many: neighbors share blur, and what is behind the ball is not even.
-const INDEPENDENT: f64 = 0.25;
+/// All pixels count as so many where they say how the curve bends.
+const INDEPENDENT: f64 = 200.0;
+/// Added to a curve's slope where a pixel is weighed: a small slope is not known well.
+const SOFT_SLOPE: f64 = 0.1;
+/// The least slope of a curve whose likelihood is compared with another's.
+const LEAST_SLOPE: f64 = 0.02;
 
 /// Background, step, shading, place and blur.
 const UNKNOWNS: usize = 5;
@@ -140,12 +147,44 @@ impl RimFit {
 impl RimFitter {
     /// Fits the rim about the outline of a view, by blur and tone curve of the ball's dots.
     pub fn fit(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
-        let sectors = self.read_sectors(pixels, shape)?;
-        self.fit_at(&sectors, shape.blur, shape.tone.bend).0
+        self.about(pixels, |fitter, pixels| {
+            let sectors = fitter.read_sectors(pixels, shape)?;
+            fitter.fit_at(&sectors, shape.blur, shape.tone.bend).0
+        })
     }
 
     /// The same by what is known of the tone curve and what the rim itself says of it, in three times the time.
     pub fn fit_in_doubt(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
+        self.about(pixels, |fitter, pixels| fitter.fit_bent(pixels, shape))
+    }
+
+    /// Fits about the outline of a view, and where that moves it far about the moved one.
+    fn about(
+        &mut self,
+        pixels: &BallPixels<'_>,
+        fit: impl Fn(&mut Self, &BallPixels<'_>) -> Option<RimFit>,
+    ) -> Option<RimFit> {
+        let found = fit(self, pixels)?;
+        if found.change.amax() < FAR {
+            return Some(found);
+        }
+        let mut circle = *pixels.view.circle();
+        circle.center.u += found.change.x;
+        circle.center.v += found.change.y;
+        circle.radius += found.change.z;
+        let view = pixels.view.at(circle).ok()?;
+        let moved = BallPixels {
+            view: &view,
+            ..*pixels
+        };
+        let Some(again) = fit(self, &moved) else {
+            return Some(found);
+        };
+        let change = found.change + again.change;
+        (change.amax() < MAX_CHANGE).then_some(RimFit { change, ..again })
+    }
+
+    fn fit_bent(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
         let sectors = self.read_sectors(pixels, shape)?;
         let mut costs = [0.0; BENDS.len()];
         let mut fits = [None; BENDS.len()];
@@ -155,7 +194,9 @@ impl RimFitter {
         let [Some(line), Some(middle), Some(root)] = fits else {
             return self.fit_at(&sectors, shape.blur, shape.tone.bend).0;
         };
-        let (bend, variance) = bend(&costs, &shape.tone);
+        // Neighbors share blur, and what is behind the ball is not even.
+        let share = (INDEPENDENT / self.pixels.len() as f64).min(1.0);
+        let (bend, variance) = bend(&costs.map(|cost| share * cost), &shape.tone);
         // The parabola through the three.
         let by = [
             middle.change * 4.0 - line.change * 3.0 - root.change,
@@ -196,12 +237,15 @@ impl RimFitter {
             bend,
             variance: 0.0,
         };
+        let mut cost = 0.0;
         for pixel in &mut self.pixels {
             let (light, slope) = tone.light_and_slope(pixel.value);
-            (pixel.light, pixel.weight) = (light, (slope + 0.1).powi(-2));
+            let soft = slope + SOFT_SLOPE;
+            (pixel.light, pixel.weight) = (light, soft.powi(-2));
+            // The noise is the values': their density is the light's times the slope.
+            cost += 2.0 * (soft / slope.max(LEAST_SLOPE)).ln();
         }
         let mut places: [Place; SECTORS] = [None; SECTORS];
-        let mut cost = 0.0;
         for part in self.pixels.chunk_by(|a, b| a.sector == b.sector) {
             let (found, squares) = place(part, blur);
             places[part[0].sector] = found;
@@ -212,8 +256,8 @@ impl RimFitter {
 
     fn read(&mut self, pixels: &BallPixels<'_>, sectors: &[Sector; SECTORS], shape: &CapShape) {
         let BallPixels { gray, grid, view } = pixels;
-        let ([inner, outer], blurs) = READ;
-        let [inner, outer] = [inner, outer].map(|d| d + blurs * shape.blur);
+        let (depths, blurs) = READ;
+        let [inner, outer] = [0, 1].map(|k| depths[k] + blurs[k] * shape.blur);
         let circle = view.circle();
         let stride = (TAU * circle.radius * (inner + outer) / MANY_PIXELS).ceil() as usize;
         // An ellipse's longer half axis.
@@ -312,8 +356,8 @@ fn bend([line, middle, root]: &[f64; 3], known: &Tone) -> (f64, f64) {
     let least = MIN_BEND_ERROR * MIN_BEND_ERROR;
     let weight = known.variance.max(least).recip();
     // cost = a q^2 + b q + c.
-    let a = INDEPENDENT * 2.0 * (line - 2.0 * middle + root);
-    let b = INDEPENDENT * (4.0 * middle - 3.0 * line - root);
+    let a = 2.0 * (line - 2.0 * middle + root);
+    let b = 4.0 * middle - 3.0 * line - root;
     let cost = |q: f64| (a * q + b) * q + weight * (q - known.bend).powi(2);
     let curvature = a + weight;
     if curvature > 0.0 {

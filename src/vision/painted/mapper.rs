@@ -51,7 +51,7 @@ pub struct PaintMapper {
 }
 
 impl PaintMapper {
-    /// The frames of a clip, in the order of time, laid on the surface; those that this tells how the ball lies in get their rotations.
+    /// The frames of a clip, in the order of time, laid on the surface; those whose orientation this shows get their rotations.
     pub fn lay_out(&self, frames: &mut [MappedFrame<'_>]) -> MappedClip {
         let faces = concurrency::map(frames, |f| self.maker.take(f.paint, &f.view));
         let mut laid: Vec<Option<Laid>> =

@@ -1,6 +1,6 @@
 //! A pose by all places where dots may be ([`super::dense`]), where the detections leave it open.
 //!
-//! The orientation that the detector's map speaks for gives the detections their names; what these and the map show tells how
+//! The orientation that the detector's map speaks for gives the detections their names; what these and the map show says how
 //! likely it is ([`TrustMap`](super::trust::TrustMap)), and the refinement makes a pose of it as of any other.
 
 use std::time::Instant;

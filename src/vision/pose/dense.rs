@@ -14,7 +14,7 @@
 //! whose cells are tabulated; the best are then improved step by step. A template is matched with an image in the same way
 //! (S. Hinterstoisser et al., "Gradient Response Maps", PAMI 34, 2012).
 //!
-//! The mirrored pattern is no ball's: its best orientation tells what chance alone reaches with these cells.
+//! The mirrored pattern is no ball's: its best orientation shows what chance alone reaches with these cells.
 
 use crate::geometry::{Rotation, Vec3, spread_rotation};
 use crate::vision::dots::heat::Heat;

@@ -416,6 +416,7 @@ impl Estimator {
             camera: self.config.camera,
             start,
             drawn,
+            axis: out.axis,
         };
         let names = self.ball.pattern().dots();
         self.refiner

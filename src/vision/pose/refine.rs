@@ -10,7 +10,7 @@ use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
 
 use crate::geometry::{Position, Rotation, Vec3, angle_between, turned_covariance};
 use crate::vision::frame::config::{CameraDistance, CameraModel, EstimatorConfig};
-use crate::vision::frame::estimate::{FrameEstimate, Pose};
+use crate::vision::frame::estimate::{Axis, FrameEstimate, Pose};
 use crate::vision::frame::position;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
 
@@ -19,6 +19,8 @@ const PARAMETERS: usize = 9;
 /// Standard deviation of the eccentricity along either axis of the image, where the outline is a circle and where an ellipse was
 /// fitted: a ball 5 degrees off the axis has 0.087.
 const ECCENTRICITY: [f64; 2] = [0.08, 0.05];
+/// Of what the axis' place says of the eccentricity to first order.
+const FIRST_ORDER: f64 = 0.005;
 /// One that stays as it is.
 const FIXED: f64 = 1e-6;
 /// That of a ball far outside any camera's view.
@@ -124,25 +126,30 @@ pub(crate) struct Prior {
     /// Where the search for the distance starts: the camera under which the dots are identified.
     pub start: Camera,
     pub drawn: Drawn,
+    /// Where the camera's axis is expected.
+    pub axis: Option<Axis>,
 }
 
 impl Prior {
     /// What it says at a view; `of_outline` is the inverse of the outline's covariance.
     fn equations(&self, of_outline: &Matrix3<f64>, view: &BallView) -> Equations {
-        let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
-        let mut gradient = SVector::<f64, PARAMETERS>::zeros();
         let (circle, now) = (&self.outline.0, view.circle());
         let moved = offset(circle.center, now.center);
-        let back = Vec3::new(moved.x, moved.y, circle.radius - now.radius);
+        let (growth, by_eccentricity) = match circle.is_ellipse() {
+            true => (1.0, Vector2::zeros()),
+            false => of_circle(&now.eccentricity),
+        };
+        let back = Vec3::new(moved.x, moved.y, circle.radius - growth * now.radius);
+        let mut by = SMatrix::<f64, 3, PARAMETERS>::zeros();
+        (by[(0, 3)], by[(1, 4)], by[(2, 5)]) = (1.0, 1.0, growth);
+        (0..2).for_each(|k| by[(2, 7 + k)] = now.radius * by_eccentricity[k]);
         let pull = of_outline * back;
-        information
-            .fixed_view_mut::<3, 3>(3, 3)
-            .copy_from(of_outline);
-        gradient.fixed_rows_mut::<3>(3).copy_from(&pull);
+        let mut information = by.transpose() * of_outline * by;
+        let mut gradient = by.transpose() * pull;
         let mut cost = back.dot(&pull);
         match self.camera {
             CameraModel::Unknown(known) => {
-                information[(6, 6)] = known.sigma.powi(-2);
+                information[(6, 6)] += known.sigma.powi(-2);
                 let away = known.inverse_distance - view.horizon();
                 gradient[6] = away / known.sigma.powi(2);
                 cost += (away / known.sigma).powi(2);
@@ -151,21 +158,55 @@ impl Prior {
                     Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
                     Drawn::AsStated => FIXED,
                 };
-                let away = circle.eccentricity - now.eccentricity;
-                for k in 0..2 {
-                    information[(7 + k, 7 + k)] = sigma.powi(-2);
-                    gradient[7 + k] = away[k] / sigma.powi(2);
+                let axis = self.axis.filter(|_| self.drawn == Drawn::AsSeen);
+                // Without an ellipse the picture says more of the axis than that most balls are near it.
+                if axis.is_none() || circle.is_ellipse() {
+                    let away = circle.eccentricity - now.eccentricity;
+                    for k in 0..2 {
+                        information[(7 + k, 7 + k)] += sigma.powi(-2);
+                        gradient[7 + k] += away[k] / sigma.powi(2);
+                    }
+                    cost += away.norm_squared() / sigma.powi(2);
                 }
-                cost += away.norm_squared() / sigma.powi(2);
+                if let Some(axis) = axis {
+                    cost += axis.add_to(&mut information, &mut gradient, view);
+                }
             }
             // No dot depends on these: they stay where they are.
-            CameraModel::Known(_) => (6..PARAMETERS).for_each(|k| information[(k, k)] = 1.0),
+            CameraModel::Known(_) => (6..PARAMETERS).for_each(|k| information[(k, k)] += 1.0),
         }
         Equations {
             information,
             gradient,
             cost,
         }
+    }
+}
+
+impl Axis {
+    /// What it says of the eccentricity and the distance at a view: to first order a ball at `off` radii from the axis
+    /// has the eccentricity `off / distance`. Minus two log-likelihoods.
+    fn add_to(
+        &self,
+        information: &mut SMatrix<f64, PARAMETERS, PARAMETERS>,
+        gradient: &mut SVector<f64, PARAMETERS>,
+        view: &BallView,
+    ) -> f64 {
+        let (now, horizon) = (view.circle(), view.horizon());
+        let off = offset(now.center, self.middle) / now.radius;
+        let sigma = self.sigma_px / now.radius * horizon;
+        let variance = sigma.powi(2) + FIRST_ORDER.powi(2);
+        let misfit = off * horizon - now.eccentricity;
+        for k in 0..2 {
+            let by = [(6, -off[k]), (7 + k, 1.0)];
+            for (i, by_i) in by {
+                gradient[i] += by_i * misfit[k] / variance;
+                for (j, by_j) in by {
+                    information[(i, j)] += by_i * by_j / variance;
+                }
+            }
+        }
+        misfit.norm_squared() / variance
     }
 }
 
@@ -580,7 +621,72 @@ fn bounded(eccentricity: Vector2<f64>) -> Vector2<f64> {
     eccentricity * (MAX_ECCENTRICITY / length.max(MAX_ECCENTRICITY))
 }
 
+/// The radius of the circle that was fitted to an ellipse, the geometric mean of the half axes, over the shorter one; and
+/// its derivative by the eccentricity.
+fn of_circle(eccentricity: &Vector2<f64>) -> (f64, Vector2<f64>) {
+    let rest = 1.0 - eccentricity.norm_squared();
+    let growth = rest.powf(-0.25);
+    (growth, eccentricity * (0.5 * growth / rest))
+}
+
 /// From `b` to `a`, pixels.
 fn offset(a: Pixel, b: Pixel) -> Vector2<f64> {
     Vector2::new(a.u - b.u, a.v - b.v)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the axis says, as a cost; its gradient is minus a half of the cost's.
+    #[test]
+    fn the_gradient_of_the_axis_is_that_of_its_cost() {
+        let axis = Axis {
+            middle: Pixel { u: 319.5, v: 239.5 },
+            sigma_px: 25.6,
+        };
+        let at = |inverse_distance: f64, eccentricity: Vector2<f64>| {
+            let circle = BallCircle {
+                center: Pixel { u: 500.0, v: 100.0 },
+                radius: 30.0,
+                eccentricity,
+            };
+            let camera = Camera::Near { inverse_distance };
+            let view = BallView::new(&camera, circle).expect("a view");
+            let mut information = SMatrix::zeros();
+            let mut gradient = SVector::zeros();
+            let cost = axis.add_to(&mut information, &mut gradient, &view);
+            (cost, gradient, information, view.horizon())
+        };
+        let e = Vector2::new(0.2, -0.1);
+        let (_, gradient, information, _) = at(0.05, e);
+        let step = 1e-6;
+        for k in 0..2 {
+            let mut moved = [e, e];
+            moved[0][k] += step;
+            moved[1][k] -= step;
+            let [more, less] = moved.map(|e| at(0.05, e).0);
+            let slope = (more - less) / (2.0 * step);
+            let off = (slope + 2.0 * gradient[7 + k]).abs();
+            assert!(off < 1e-4 * slope.abs().max(1.0), "{slope} {gradient:?}");
+        }
+        // By the distance the spread changes, too, which a step of Gauss and Newton leaves out: its sign is right.
+        let (far, near) = (at(0.05 - step, e), at(0.05 + step, e));
+        assert!((near.3 - far.3 - 2.0 * step).abs() < 1e-9);
+        assert!((information - information.transpose()).norm() == 0.0);
+        let misfit = offset(Pixel { u: 500.0, v: 100.0 }, axis.middle) / 30.0 * 0.05 - e;
+        assert_eq!(gradient[7].signum(), misfit.x.signum());
+    }
+
+    /// A circle about an ellipse of half axes `radius / sqrt(1 - e^2)` and `radius`.
+    #[test]
+    fn the_circle_of_an_ellipse_has_the_mean_of_its_half_axes() {
+        let e = Vector2::new(0.3, 0.2);
+        let (growth, by) = of_circle(&e);
+        let long = 1.0 / (1.0 - e.norm_squared()).sqrt();
+        assert!((growth - (long * 1.0).sqrt()).abs() < 1e-12);
+        let step = Vector2::new(1e-6, 0.0);
+        let slope = (of_circle(&(e + step)).0 - of_circle(&(e - step)).0) / 2e-6;
+        assert!((slope - by.x).abs() < 1e-8);
+    }
 }

@@ -2,7 +2,7 @@
 //!
 //! The net sees a ball in 64 x 64 cells, whatever the image holds of it. Once the dots have names, each is fitted as a
 //! [cap](crate::vision::dots::cap) in the image, and the pose is refined on these places. How far the dots are drawn from the
-//! pattern's is then estimated with it: well-drawn dots tell center, radius and distance better than the outline does.
+//! pattern's is then estimated with it: well-drawn dots give center, radius and distance better than the outline does.
 //!
 //! Where the intrinsics are known, the outline alone says where the ball is, too: that stands where the orientation is rejected.
 
@@ -14,7 +14,7 @@ use crate::vision::dots::cap::CapShape;
 use crate::vision::dots::detector::DotDetection;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::config::CameraModel;
-use crate::vision::frame::estimate::{FrameEstimate, Pose};
+use crate::vision::frame::estimate::{Axis, FrameEstimate, Pose};
 use crate::vision::frame::outline::Outline;
 use crate::vision::frame::position;
 use crate::vision::optics::ball_pixels::BallPixels;
@@ -64,6 +64,9 @@ impl Estimator {
     ) -> Option<Outline> {
         ws.detected.clone_from(&out.dots);
         ws.named.clone_from(&out.assignment);
+        let outline = out.outline.map(|outline| outline.circle);
+        out.axis =
+            outline.and_then(|circle| Axis::of_picture(image.width(), image.height(), &circle));
         let seen = self.place_by_pixels(image, ws, out);
         let refined = seen.and_then(|rim| self.refine_sharpened(pose, rim, ws, out));
         if refined.is_none() {

@@ -7,7 +7,7 @@
 //! A ball of 30 px radius 12 radii away; detections off by 0.3 px per axis, outlines by 0.2 px; 8 % of the
 //! dots are missed. The bound is that of the dots with orientations and outlines unknown (the outlines with
 //! their stated error as a prior), made of numeric derivatives of the renderer's projection; it shares no
-//! code with the calibration. A bias of the model and a covariance that is too small are told apart by
+//! code with the calibration. A bias of the model and a covariance that is too small are distinguished by
 //! REPEATS of the noise on one ball and one motion: the scatter of the repeats, and their mean's error.
 
 use nalgebra::{DMatrix, Matrix2, Matrix3, SMatrix};

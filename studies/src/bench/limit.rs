@@ -2,7 +2,7 @@
 //! `--picture docs/limit.png` the picture of the README.
 //!
 //! Balls with the dots of `dots20` drawn exactly, no logo, a blur of 0.85 px in all, no noise but white noise of a thirtieth of
-//! the dots' contrast. The limit (root mean square) for `N` dots in sight of the radius `a` px, on a ball of the radius `R` px, is
+//! the dots' contrast. The limit (root mean square) for `N` visible dots of the radius `a` px, on a ball of the radius `R` px, is
 //! `2.74 s / (R sqrt N)` where the projection is known and `5.05 s / (R sqrt N)` where center and radius are not, with a dot's error
 //! per axis `s = (noise / contrast) sqrt(2 sqrt(pi) blur / (pi a))`: the Fisher information of the pixels.
 
@@ -98,7 +98,7 @@ fn config(ball_px: f64) -> SynthConfig {
     }
 }
 
-/// The median contrast of the dots in sight against their surroundings.
+/// The median contrast of the visible dots against their surroundings.
 fn contrast(gray: &GrayImage, truth: &FrameTruth) -> f64 {
     let seen: Vec<_> = truth.dots.iter().filter(|d| d.facing > 0.5).collect();
     median(&seen, |dot| {

@@ -87,7 +87,7 @@ enum Command {
     Position(position::Args),
     /// How often images that show no ball are answered.
     Noise(noise::Args),
-    /// How often a flipped camera is told apart.
+    /// How often a flipped camera is recognized.
     Mirror(mirror::Args),
     /// How much the frames of a sequence help each other.
     Sequences(sequences::Args),
@@ -137,7 +137,7 @@ enum Command {
     Rebuild(rebuild::Args),
     /// Make anew the tables that stand in docs/.
     Tables(tables::Args),
-    /// Files of frames that are told nothing, against the same told the protocol.
+    /// Files of frames without a stated protocol, against the same with it.
     Conditions(trust::conditions::Args),
     /// Spins reported of random orientations.
     Spins(trust::spins::Args),

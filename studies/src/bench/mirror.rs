@@ -1,9 +1,9 @@
-//! How often are the images of a flipped camera told apart from those of an upright one?
+//! How often are the images of a flipped camera distinguished from those of an upright one?
 //!
 //!     cargo run --release -p spindoe-studies -- mirror --help
 //!
 //! Flipped images of a ball are images of a ball with the pattern's mirror image. Its scenes before the default camera
-//! are rendered, and read by the estimator of the pattern itself. A flipped view is told apart where that gives no
+//! are rendered, and read by the estimator of the pattern itself. A flipped view is recognized where that gives no
 //! pose; where it gives one, the view is taken for one of the pattern. Frames without an outline are left out.
 
 use rayon::prelude::*;

@@ -10,7 +10,7 @@ use spindoe_studies::score::{bins, median, share};
 use spindoe_studies::table::{Table, figure};
 use spindoe_studies::{Outcome, row};
 
-/// Turns that are told apart, degrees.
+/// Turns that are distinguished, degrees.
 const TURNS_DEG: [f64; 7] = [0.0, 1.0, 3.0, 6.0, 9.0, 12.0, 15.0];
 /// The evidence, as ln odds, from which a turn counts as seen.
 const SEEN: f64 = 5.0;
@@ -31,7 +31,7 @@ pub struct Args {
     max_turn_deg: f64,
 }
 
-/// Lengths of smears that are told apart, over the dot's diameter.
+/// Lengths of smears that are distinguished, over the dot's diameter.
 const LENGTHS: [f64; 9] = [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0];
 /// A squared residual that a blur that is the dot's own exceeds in 1 of 100, of three degrees of freedom.
 const OFF: f64 = 11.3;

@@ -29,7 +29,7 @@ use spindoe_studies::score::share;
 use spindoe_studies::table::Table;
 use spindoe_studies::{Outcome, row};
 
-/// The difference of the candidates' turns from which they should be told apart, degrees.
+/// The difference of the candidates' turns from which they should be distinguished, degrees.
 const APART_DEG: f64 = 5.0;
 /// The largest turn that is measured of the dots of 4 mm on a table tennis ball, degrees.
 const LONGEST_DEG: f64 = 16.0;

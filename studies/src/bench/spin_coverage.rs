@@ -75,7 +75,7 @@ fn outcomes(
     let Some(view) = SequenceView::of_frames(estimates.iter()) else {
         return Ok([None, None, None]);
     };
-    // The camera's frame, seen from where the ball is amid its path.
+    // The camera's frame, seen from where the ball is in the middle of its path.
     let truth = &rendered[0].truth;
     let seen = match truth.intrinsics {
         Some(intrinsics) => {

@@ -212,6 +212,18 @@ fn what_cannot_be_calibrated_exits_with_a_word() {
             .split(' ')
             .collect::<Vec<_>>(),
     );
+    // Of several clips all are named, and how many frames of each are of use.
+    let several = "calibrate --table nominal.csv clip-other-pattern/images three/images -o no";
+    let found = spindoe(dir, &several.split(' ').collect::<Vec<_>>());
+    let words = String::from_utf8_lossy(&found.stderr).into_owned();
+    assert_eq!(found.status.code(), Some(3), "{words}");
+    for said in [
+        "spindoe: clip-other-pattern/images, three/images: ",
+        "; frames identified: clip-other-pattern/images ",
+        " of 12, three/images ",
+    ] {
+        assert!(words.contains(said), "{words}");
+    }
     let three = [
         "calibrate",
         "--table",

@@ -313,7 +313,7 @@ fn what_a_clip_does_not_show_is_pointed_out() {
     let config = CalibrationConfig::default();
     let found = survey(&frames, &shown, &KnownDots::Nothing, &config).unwrap();
     assert!(found.pattern.is_err(), "{found:?}");
-    assert!(found.placed == frames.len(), "{found:?}");
+    assert!(found.placed.len() == frames.len(), "{found:?}");
     // About the vertical axis only the poles stay hidden: places nearer to one than asin(0.1), as views show from a depth of 0.1 on, or
     // half a percent of the ball, and somewhat more of the perspective.
     assert!((0.95..1.0).contains(&found.shown), "{found:?}");

@@ -14,7 +14,7 @@ use spindoe::geometry::{
 use spindoe::pattern::Pattern;
 use spindoe::recognize::learn::{ConditionsPosterior, ConditionsPrior};
 use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
-use spindoe::recognize::{Hint, Recognizer, RecognizerRejection};
+use spindoe::recognize::{Hint, NamedRecognizer, Recognizer, RecognizerName, RecognizerRejection};
 use spindoe::validate::{TrialResult, Trials, Validation};
 use spindoe::view::{
     Detection, DotUncertainty, FalseDots, ObservedDot, Protocol, ProtocolName, Trial, ViewModel,
@@ -584,6 +584,10 @@ fn parameters_outside_their_domain_are_refused() {
         }
         .into(),
         RobustConfig { passes: 0, ..good },
+        RobustConfig {
+            integrated_below: -0.1,
+            ..good
+        },
     ];
     for config in bad {
         assert!(
@@ -591,6 +595,29 @@ fn parameters_outside_their_domain_are_refused() {
             "{config:?}"
         );
     }
+}
+
+/// A search asks for orientations alone.
+#[test]
+fn orientations_hardly_need_the_integrals_of_confidences() {
+    let pattern = crate::common::random_pattern(20, 5);
+    let ball = Ball::new(pattern.clone());
+    let view = ProtocolName::Clutter.view();
+    let trials = Trials::first(&pattern, view, SEED, 600);
+    let whole = NamedRecognizer::new(RecognizerName::Robust, &ball, &view).unwrap();
+    let quick = NamedRecognizer::for_orientations(RecognizerName::Robust, &ball, &view).unwrap();
+    let answers = |recognizer: &NamedRecognizer| trials.run(recognizer, &|_| {}).unwrap();
+    let (whole, quick) = (answers(&whole), answers(&quick));
+    let right = |result: &TrialResult| match result {
+        TrialResult::Judged { error_rad, .. } => *error_rad < 20f64.to_radians(),
+        TrialResult::Skipped => false,
+    };
+    let changed = whole.iter().zip(&quick);
+    let changed = changed.filter(|(a, b)| right(a) != right(b)).count();
+    assert!(changed <= 6, "{changed} of 600");
+    assert!(whole.iter().filter(|r| right(r)).count() > 500);
+    // Their confidences do differ: the integrals were left out.
+    assert_ne!(whole, quick);
 }
 
 /// A single frame says nothing of the visibility limit, and the one that is expected (z > 0.1) leaves out

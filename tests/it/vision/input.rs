@@ -7,7 +7,7 @@ use std::process::Command;
 use image::{DynamicImage, ImageFormat, Rgb, RgbImage as Buffer};
 use spindoe::clip::frame_table::{FrameCircles, read_circles, read_times};
 use spindoe::image::{DEFAULT_MAX_PIXELS, Picture, RgbImage};
-use spindoe::source::files::{Source, open, sources};
+use spindoe::source::files::{Source, frame_count, open, sources};
 use spindoe::source::{Frame, FrameSource, SourceEnd};
 
 /// The times of `frames` by the table `text`, or what is said of it.
@@ -522,6 +522,7 @@ fn all_pictures_of_an_animation_are_frames() {
         let mut source = open(&sources[0], DEFAULT_MAX_PIXELS).unwrap();
         let frames: Vec<_> = source.frames().map(|frame| frame.unwrap()).collect();
         assert_eq!(frames.len(), values.len(), "{name}");
+        assert_eq!(frame_count(&sources[0]), Some(values.len()), "{name}");
         for (frame, value) in frames.iter().zip(values) {
             assert_eq!(frame.time_s, None);
             let picture = frame.picture.as_ref().unwrap();

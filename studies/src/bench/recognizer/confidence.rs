@@ -116,12 +116,12 @@ const MIXTURES: [Mixture; 4] = [
 ];
 
 impl Mixture {
-    /// A file's view model; the recognizer is told a noise of 3 degrees.
+    /// A file's view model; the recognizer is given a noise of 3 degrees.
     fn draw(&self, rng: &mut ChaCha8Rng) -> ViewModel {
         let within =
             |[from, to]: [f64; 2], rng: &mut ChaCha8Rng| from + (to - from) * rng.random::<f64>();
-        let told = ProtocolName::Paper.view();
-        let sigma_deg = told.noise.sigma_rad().to_degrees();
+        let given = ProtocolName::Paper.view();
+        let sigma_deg = given.noise.sigma_rad().to_degrees();
         let [fewest, most] = self.false_dots;
         let usual = rng.random_range(fewest..=most);
         let varies = usual > 0 && rng.random::<bool>();
@@ -136,7 +136,7 @@ impl Mixture {
                 false => FalseDots::Usual(usual),
             },
             foreign_share: within(self.foreign, rng),
-            ..told
+            ..given
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Files of frames that are told nothing of noise, misses and false dots, against the same files told
+//! Files of frames with nothing stated of noise, misses and false dots, against the same files with
 //! the protocol.
 
 use std::num::NonZero;
@@ -71,7 +71,7 @@ impl Sink<FrameAnswer> for Answers {
     }
 }
 
-/// The answers to a file of frames of which the recognizer is told nothing.
+/// The answers to a file of frames of which nothing is stated to the recognizer.
 pub fn answers(
     ball: &Ball,
     frames: Vec<ObservedFrame>,
@@ -132,7 +132,7 @@ impl Args {
     pub fn run(&self) -> Outcome {
         let (trials, seed) = (self.trials, self.seed);
         println!("{trials} trials a row, seed {seed}");
-        let table = Table::new(["pattern, protocol", "told", "identity", "orientation"]);
+        let table = Table::new(["pattern, protocol", "stated", "identity", "orientation"]);
         let mut views: Vec<(String, ViewModel)> = ProtocolName::ALL
             .map(|name| (name.to_string(), name.view()))
             .into();
@@ -144,7 +144,7 @@ impl Args {
         for (name, pattern) in self.patterns.read()? {
             for (view_name, view) in &views {
                 let of = format!("{name}, {view_name}");
-                let print = |told: &str,
+                let print = |stated: &str,
                              frames: usize,
                              judge: &(dyn Fn(&[Trial]) -> Result<Vec<Judged>> + Sync)|
                  -> Result<()> {
@@ -152,7 +152,7 @@ impl Args {
                     let judged: Result<Vec<_>> = all.par_iter().map(|f| judge(f)).collect();
                     let judged = judged?.concat();
                     let orientation = share(&judged, |j| j.orientation);
-                    row!(table; &of, told, share(&judged, |j| j.identity), orientation);
+                    row!(table; &of, stated, share(&judged, |j| j.identity), orientation);
                     Ok(())
                 };
                 print("the protocol", 200, &|f| fixed(&pattern, f, (*view).into()))?;
@@ -160,12 +160,12 @@ impl Args {
                     fixed(&pattern, f, RobustConfig::default())
                 })?;
                 for frames in FILES {
-                    let told = format!("nothing, learned, frames a file: {frames}");
+                    let stated = format!("nothing, learned, frames a file: {frames}");
                     let order = LearningOrder::InAdvance;
-                    print(&told, frames, &|f| learned(&pattern, f, order))?;
+                    print(&stated, frames, &|f| learned(&pattern, f, order))?;
                 }
-                let told = "nothing, learned as they come, frames a file: 200";
-                print(told, 200, &|f| {
+                let stated = "nothing, learned as they come, frames a file: 200";
+                print(stated, 200, &|f| {
                     learned(&pattern, f, LearningOrder::AsTheyCome)
                 })?;
             }
