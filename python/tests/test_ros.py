@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import subprocess
 import sys
@@ -336,6 +337,14 @@ def test_settings_that_do_not_fit():
         ({"window": 1}, "window: expected 3 to 1000"), ({"table": ""}, "table: expected the path"),
         ({"intrinsics": (900.0, 900.0, 57.0)}, "intrinsics: expected fx, fy, cx, cy"),
         ({"intrinsics": (900.0, 900.0, 57.0, 57.0, 0.1)}, "intrinsics: "),
+        ({"intrinsics": (900.0, 900.0, 57.0, math.nan)}, "intrinsics: "),
+        ({"intrinsics": (900.0, 900.0, 57.0, 57.0, *[math.nan] * 5)}, "intrinsics: "),
+        ({"ball_radius_m": 0.0004}, "ball_radius_m: expected 0.0005 to 0.5, found 0.0004"),
+        ({"ball_radius_m": 0.6}, "ball_radius_m: expected 0.0005 to 0.5, found 0.6"),
+        *[
+            ({name: value}, f"{name}: expected .* to .*, found {value}")
+            for name in ("ball_radius_m", "min_confidence", "memory_s", "max_rps") for value in (math.nan, math.inf)
+        ],
     ]:
         with pytest.raises(ValueError, match=problem):
             SpinCore(Settings(**{"table": TABLE, **given}))

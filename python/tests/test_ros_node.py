@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import importlib
 import itertools
+import math
+import shutil
 import sys
 import warnings
 from types import SimpleNamespace
@@ -32,7 +34,7 @@ CLIP_S = 1000
 # name: (default, range)
 PARAMETERS = {
     "table": ("", None), "intrinsics": ([0.0] * 4, None), "rectified": (False, None),
-    "ball_radius_m": (0.02, (0.001, 1.0)), "min_confidence": (spindoe.MIN_CONFIDENCE_IMAGES, (0.0, 1.0)),
+    "ball_radius_m": (0.02, (0.0005, 0.5)), "min_confidence": (spindoe.MIN_CONFIDENCE_IMAGES, (0.0, 1.0)),
     "window": (12, (3, 1000)), "memory_s": (0.25, (0.001, 60.0)), "max_rps": (175.0, (0.1, 1000.0)),
     "image_transport": ("raw", None),
 }
@@ -390,6 +392,7 @@ def test_parameters_reach_the_core(world, clip):
         ({"memory_s": 1}, "Wrong parameter type"),
         ({"image_transport": ""}, "image_transport: expected"), ({"intrinsics": [900.0, 900.0]}, "intrinsics: expected fx, fy"),
         ({"intrinsics": [-1.0, 900.0, 1.0, 1.0]}, "intrinsics: "), ({"ball_radius_m": 40.0}, "ball_radius_m out of range"),
+        ({"intrinsics": [900.0, 900.0, 1.0, math.nan]}, "intrinsics: "), ({"memory_s": math.nan}, "memory_s out of range"),
     ],
 )
 def test_parameters_that_do_not_fit_end_in_one_line(world, given, problem):
