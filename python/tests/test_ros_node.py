@@ -453,6 +453,38 @@ def test_parameters_change_at_run_time(world, clip):
     assert last.pose.pose.position.z == pytest.approx(2 * before, rel=0.05)
 
 
+def test_a_table_that_is_gone_does_not_end_the_node(world, clip, tmp_path):
+    """It was there when the parameters were set; another change was tried since, which another part refused."""
+    node = world.module.SpinNode()
+    parameter = sys.modules["rclpy.parameter"].Parameter
+    table = tmp_path / "table.npz"
+    shutil.copy(TABLE, table)
+    sent = images(world, clip)
+    world.send("/image", next(sent))
+    refused = message(world, "rcl_interfaces/SetParametersResult", successful=False, reason="no")
+
+    def set_and_try_another():
+        assert node.set_parameters_atomically([parameter("table", value=str(table))]).successful
+        node._on_set_parameters_callbacks.append(lambda _: refused)
+        assert not node.set_parameters_atomically([parameter("window", value=5)]).successful
+        node._on_set_parameters_callbacks.pop()
+
+    set_and_try_another()
+    table.unlink()
+    world.send("/camera_info", camera_info(world, clip))
+    for _ in range(3):
+        world.send("/image", next(sent))
+    # What was goes on, which is said once.
+    assert len(world.publisher("/ball/pose").sent) == 4 and len(world.publisher("/ball/twist").sent) >= 1
+    (line,) = world.said("error")
+    assert "table.npz: cannot be read" in line and TABLE in line
+    # Set again when it is back, it is taken.
+    shutil.copy(TABLE, table)
+    set_and_try_another()
+    world.send("/image", next(sent))
+    assert node._core.settings.table == str(table) and len(world.said("error")) == 1
+
+
 def test_an_image_that_cannot_be_read_does_not_end_the_node(world, clip):
     world.module.SpinNode()
     first, second = images(world, clip[:2])
