@@ -49,6 +49,7 @@ class Settings:
     )
     """``fx, fy, cx, cy`` in pixels, and OpenCV's distortion; they go before those of a ``CameraInfo``, which zeros leave it to.
     Without either the ball's position is not known."""
+    bright_dots: bool = _setting(False, "a dark ball with bright dots: images are estimated as negatives")
     rectified: bool = _setting(False, "whether the images are rectified: then the matrix p of camera_info counts")
     """Whether the images are rectified: then the projection matrix of a ``CameraInfo`` counts, without distortion."""
     ball_radius_m: float = _setting(0.02, "radius of the ball, m", 0.0005, 0.5)
@@ -263,7 +264,9 @@ class SpinCore:
                 f"image: expected {expected} pixels, of which camera_info is by its size, roi and binning, found {width} x {height}"
             )
         time_s, note = self._time_of(message.header.stamp)
-        state = self.tracker.update(image, time_s, color=color)
+        # What is kept to be shown is the camera's picture.
+        seen = np.invert(image) if self.settings.bright_dots else image
+        state = self.tracker.update(seen, time_s, color=color)
         pose, spin = state.frame.pose, state.spin
         pose = pose.as_frame("optical") if pose else pose
         spin = spin.as_frame("optical") if spin else spin

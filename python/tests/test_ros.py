@@ -237,6 +237,25 @@ def test_an_overlay_of_every_image(clip, recorded, tmp_path):
         assert message.encoding == "rgb8" and 0.01 < changed.mean() < 0.2
 
 
+@pytest.mark.parametrize("make", [padded, compressed("png")])
+def test_a_dark_ball_with_bright_dots(clip, recorded, tmp_path, make):
+    """Its images, as negatives of those of a bright ball, have the answers of these; shown is what the camera saw."""
+    negatives = [(255 - image, truth) for image, truth in clip]
+    record(tmp_path / "in", negatives, make)
+    dark = bag.process(tmp_path / "in", tmp_path / "1", SpinCore(Settings(TABLE, bright_dots=True)))
+    bright = bag.process(recorded[0], tmp_path / "2", SpinCore(Settings(TABLE)))
+    assert sum(bool(answer.pose) for answer in bright) >= 14
+    for one, other, (image, _) in zip(dark, bright, negatives, strict=True):
+        assert bool(one.pose) == bool(other.pose) and one.frame.circle == other.frame.circle
+        if one.pose:
+            assert np.array_equal(one.pose.quaternion_wxyz, other.pose.quaternion_wxyz)
+            assert np.array_equal(one.position_m, other.position_m)
+        assert 0.01 < np.any(one.overlay() != image, axis=2).mean() < 0.2
+    # Without being said, it is no ball of this pattern.
+    answers = bag.process(tmp_path / "in", tmp_path / "3", SpinCore(Settings(TABLE)))
+    assert not any(answer.pose for answer in answers)
+
+
 def leaves_nothing(folder, kept=()):
     return {path.name for path in folder.iterdir()} == set(kept)
 

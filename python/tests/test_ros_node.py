@@ -33,7 +33,8 @@ START_S = 1_700_000_000
 CLIP_S = 1000
 # name: (default, range)
 PARAMETERS = {
-    "table": ("", None), "intrinsics": ([0.0] * 4, None), "rectified": (False, None),
+    "table": ("", None), "intrinsics": ([0.0] * 4, None), "bright_dots": (False, None),
+    "rectified": (False, None),
     "ball_radius_m": (0.02, (0.0005, 0.5)), "min_confidence": (spindoe.MIN_CONFIDENCE_IMAGES, (0.0, 1.0)),
     "window": (12, (3, 1000)), "memory_s": (0.25, (0.001, 60.0)), "max_rps": (175.0, (0.1, 1000.0)),
     "image_transport": ("raw", None),
@@ -596,12 +597,16 @@ def test_diagnostics_of_a_ball_that_is_not_this_one(world, clip):
     assert status.level == status.OK and status.message.startswith("no ball") and key_values(status)["answered share"] == ""
 
 
+@pytest.mark.parametrize("bright_dots", [False, True])
 @pytest.mark.parametrize("bits", [10, 12])
-def test_numbers_of_fewer_bits(world, clip, bits):
+def test_numbers_of_fewer_bits(world, clip, bits, bright_dots):
     """In 16, as many cameras send them."""
+    world.overrides["bright_dots"] = bright_dots
     world.module.SpinNode()
     for image, truth in clip:
         dark = (image.mean(axis=2) / 255 * (2**bits - 1)).astype("<u2")
+        if bright_dots:
+            dark = (2**bits - 1 - dark).astype("<u2")
         height, width = dark.shape
         one = message(
             world, "sensor_msgs/Image", header=header(world, truth.time_s), height=height, width=width, encoding="mono16",
