@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import shutil
 import subprocess
@@ -276,12 +277,11 @@ def test_a_run_that_fails_leaves_nothing_behind(clip, recorded, tmp_path, monkey
 
     def cut_off(types, header, image):
         message = padded(types, header, image)
-        if header.stamp.nanosec > 20_000_000:
-            message.data = message.data[:100]
+        message.data = message.data[:100]
         return message
 
     record(tmp_path / "in", clip, cut_off)
-    with pytest.raises(ValueError, match="data: expected .* rows"):
+    with pytest.raises(ValueError, match="/image: none of 16 images can be read, the first because of data: expected .* rows"):
         bag.process(tmp_path / "in", tmp_path / "out", core)
     assert leaves_nothing(tmp_path, ["in"])
 
@@ -312,9 +312,86 @@ def test_the_command(recorded, tmp_path):
     refused = run(recorded[0], "other", "--table", TABLE, "--topic", "/chatter")
     assert refused.returncode == 2 and refused.stderr.startswith("spindoe_ros.bag: topic: expected images")
     assert refused.stderr.count("\n") == 1
+    for words, problem in [
+        ((recorded[0], "other", "--table", "none.npz"), "none.npz: cannot be read"),
+        ((recorded[0], "none/other", "--table", TABLE), "No such file"), (("none", "other", "--table", TABLE), "none"),
+    ]:
+        refused = run(*words)
+        assert refused.returncode == 2 and problem in refused.stderr and refused.stderr.count("\n") == 1, refused.stderr
     again = run(recorded[0], "out", "--table", TABLE)
-    assert again.returncode == 1 and again.stderr == "spindoe_ros.bag: out: expected a new bag, found one that exists\n"
+    assert again.returncode == 2 and again.stderr == "spindoe_ros.bag: out: expected a new bag, found one that exists\n"
     assert leaves_nothing(tmp_path, ["out"])
+
+
+def damaged(source, target):
+    """Writes the bag with an image that is cut off, one sent twice, one of another size, one whose bytes are no message, and a
+    camera_info of a lens that nobody knows; the times of the images left."""
+    store, kept, k = get_typestore(Stores.ROS2_HUMBLE), [], 0
+    with Reader(source) as reader, Writer(target, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        to = {c.topic: writer.add_connection(c.topic, c.msgtype, typestore=store) for c in reader.connections}
+        for connection, time_ns, raw in reader.messages():
+            message, given = store.deserialize_cdr(raw, connection.msgtype), raw
+            if connection.topic == "/image":
+                k += 1
+                if k == 3:
+                    message.data = message.data[:100]
+                elif k == 6:
+                    message.header.stamp = last.header.stamp
+                elif k == 9:
+                    message.height -= 1
+                elif k == 12:
+                    given = raw[:90]
+                else:
+                    kept.append(time_ns)
+                last = message
+            elif connection.topic == "/camera_info" and k == 1:
+                message.distortion_model = "ftheta"
+            if given is raw:
+                given = store.serialize_cdr(message, connection.msgtype)
+            writer.write(to[connection.topic], time_ns, given)
+    return kept
+
+
+def test_what_cannot_be_read_is_left_out_and_said(recorded, tmp_path, capsys):
+    kept = damaged(recorded[0], tmp_path / "in")
+    assert bag.main([str(tmp_path / "in"), str(tmp_path / "out"), "--table", TABLE]) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith("12 of 12 images answered")
+    lines = said.err.splitlines()
+    beginnings = [
+        "spindoe_ros.bag: /camera_info: 1 of 16 messages cannot be read, the first because of distortion_model: expected",
+        "spindoe_ros.bag: /image: 4 of 16 messages cannot be read, the first because of data: expected",
+    ]
+    assert [line[: len(words)] for line, words in zip(lines, beginnings, strict=True)] == beginnings
+    with Reader(tmp_path / "out") as reader:
+        times = {c.topic: [] for c in reader.connections}
+        for connection, time_ns, _ in reader.messages():
+            times[connection.topic].append(time_ns)
+    assert times["/image"] == kept and times[bag.POSE] == kept and len(times[bag.TWIST]) >= 9
+    with pytest.warns(UserWarning) as warned:
+        answers = bag.process(tmp_path / "in", tmp_path / "again", SpinCore(Settings(TABLE)))
+    assert len(answers) == 12 and {one.filename for one in warned} == {__file__}
+    assert [f"spindoe_ros.bag: {one.message}" for one in warned] == lines
+
+
+def test_exit_codes(clip, recorded, tmp_path, capsys, monkeypatch):
+    """Of a ball of another pattern no image is answered; of a dark ball all, once that is said."""
+    record(tmp_path / "dark", [(255 - image, truth) for image, truth in clip])
+    for source, words, code in [
+        (recorded[0], ["--table", "dots40"], 3), (tmp_path / "dark", ["--table", TABLE], 3),
+        (tmp_path / "dark", ["--table", TABLE, "--bright-dots"], 0),
+    ]:
+        assert bag.main([str(source), str(tmp_path / "out"), *words]) == code
+        said = capsys.readouterr()
+        assert said.out.startswith("16 of 16" if code == 0 else "0 of 16") and not said.err
+        assert ("others: " in said.out) == (code == 3)
+        shutil.rmtree(tmp_path / "out")
+
+    def full(*_args, **_words):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(bag, "process", full)
+    assert bag.main([str(recorded[0]), str(tmp_path / "out"), "--table", TABLE]) == 1
 
 
 def camera_info(focal_px):

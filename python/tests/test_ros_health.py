@@ -63,7 +63,8 @@ def test_frames_that_are_missed_are_counted(jitter_ms):
     # A gap counts where its next image has come; the medians of jittered steps are not quite the period.
     assert abs(counts.sum() - truth.sum()) <= (1 if jitter_ms == 0.0 else 0.1 * truth.sum())
     assert np.all(np.abs(counts - truth) <= 2)
-    words = f"frames are missed: at least {counts[-1]} of {np.sum(times[~is_missed] >= 19.0) + counts[-1]}, with 2 ms for an image"
+    seen = np.sum(times[~is_missed] >= 19.0)
+    words = f"frames are missed: at least {counts[-1]} of {seen + counts[-1]}, with 2 ms for an image"
     assert said[-1].level == health.WARN and said[-1].message == words
 
 
