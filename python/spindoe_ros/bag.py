@@ -1,6 +1,7 @@
 """Runs the node's core over a recorded bag, without ROS: reads one, writes one with the answers.
 
-    python -m spindoe_ros.bag IN OUT --table table.npz [--topic /image] [--camera-info /camera_info] [--overlay]
+    python -m spindoe_ros.bag IN OUT --table table.npz [--topic /image] [--camera-info /camera_info]
+        [--bright-dots] [--overlay]
 
 The written bag (MCAP) holds the images and the answers, and opens in Foxglove. It appears whole or not at all.
 """
@@ -11,6 +12,7 @@ import argparse
 import shutil
 import sys
 import tempfile
+import warnings
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,8 @@ POSE = "/ball/pose"
 TWIST = "/ball/twist"
 OVERLAY = "/ball/overlay"
 IMAGES = (messages.IMAGE, "sensor_msgs/msg/CompressedImage")
+# What the system says of a path that is no fit argument.
+USAGE = (FileExistsError, FileNotFoundError, IsADirectoryError, NotADirectoryError)
 
 
 class BagMessages:
@@ -64,6 +68,8 @@ def process(
 ) -> list[Answer]:
     """Answers every image of a topic, by the camera of the other topic where there is one; the answers, in the bag's order.
 
+    As the node does, it goes on after a message that cannot be read, and leaves it out; a warning says how many there were.
+
     Args:
         source: The bag, a folder.
         target: The bag to write, which must not exist; it appears when all images are answered.
@@ -74,7 +80,7 @@ def process(
 
     Raises:
         FileExistsError: Where the target exists.
-        ValueError: Where rosbags is missing, the source is no bag, has no such topic of images, or an image cannot be read.
+        ValueError: Where rosbags is missing, the source is no bag, has no such topic of images, or none of them can be read.
     """
     rosbag2 = optional("rosbags.rosbag2", "ros")
     if target.exists():
@@ -94,11 +100,13 @@ def process(
 def _process(
     rosbag2: Any, source: Path, target: Path, core: SpinCore, topic: str, camera_info: str, overlay: bool
 ) -> list[Answer]:
-    types = optional("rosbags.typesys", "ros")
+    types, serde = optional("rosbags.typesys", "ros"), optional("rosbags.serde", "ros")
     store = types.get_typestore(types.Stores.ROS2_HUMBLE)
     kind = rosbag2.StoragePlugin.MCAP
     filled = BagMessages(store.types)
     answers = []
+    counts: Counter[str] = Counter()
+    problems: dict[str, list[str]] = {}
     with rosbag2.Reader(source) as reader, rosbag2.Writer(target, version=9, storage_plugin=kind) as writer:
         connections = [c for c in reader.connections if c.topic == topic and c.msgtype in IMAGES]
         if not connections:
@@ -121,11 +129,16 @@ def _process(
             if c.topic == camera_info and c.msgtype == "sensor_msgs/msg/CameraInfo"
         ]
         for connection, time_ns, raw in reader.messages(connections=connections + infos):
-            message: Any = store.deserialize_cdr(raw, connection.msgtype)
-            if connection.topic == camera_info:
-                core.on_camera_info(message)
+            counts[connection.topic] += 1
+            try:
+                message: Any = store.deserialize_cdr(raw, connection.msgtype)
+                if connection.topic == camera_info:
+                    core.on_camera_info(message)
+                    continue
+                answer = core.on_image(message)
+            except (ValueError, serde.SerdeError) as error:
+                problems.setdefault(connection.topic, []).append(str(error))
                 continue
-            answer = core.on_image(message)
             answers.append(answer)
             writer.write(images, time_ns, raw)
             if answer.pose:
@@ -134,11 +147,16 @@ def _process(
                 write(twists, time_ns, messages.twist(filled, answer, answer.spin))
             if overlays is not None:
                 write(overlays, time_ns, messages.overlay(filled, answer))
+    if not answers and topic in problems:
+        raise ValueError(f"{topic}: none of {counts[topic]} images can be read, the first because of {problems[topic][0]}")
+    for name, reasons in problems.items():
+        words = f"{name}: {len(reasons)} of {counts[name]} messages cannot be read, the first because of {reasons[0]}"
+        warnings.warn(words, stacklevel=3)
     return answers
 
 
 def main(words: list[str] | None = None) -> int:
-    """The command line; returns the exit code: 2 for bad input, 1 for what the system refuses."""
+    """The command line; returns the exit code: 2 for bad input, 3 where no image is answered, 1 for what the system refuses."""
     parser = argparse.ArgumentParser(
         prog="python -m spindoe_ros.bag", description="Answers the images of a bag.", allow_abbrev=False
     )
@@ -147,20 +165,28 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--table", required=True, help="the pattern's table, or the pattern")
     parser.add_argument("--topic", default="/image", help="of Image or CompressedImage")
     parser.add_argument("--camera-info", default="/camera_info", help="of CameraInfo")
+    parser.add_argument("--bright-dots", action="store_true", help="a dark ball with bright dots")
     parser.add_argument("--overlay", action="store_true", help="write the images with what was found, too")
     arguments = parser.parse_args(words)
+
+    def say(problem: object) -> None:
+        print(f"spindoe_ros.bag: {problem}", file=sys.stderr)
+
     try:
-        answers = process(
-            arguments.source, arguments.target, SpinCore(Settings(arguments.table)), arguments.topic,
-            arguments.camera_info, overlay=arguments.overlay,
-        )
+        core = SpinCore(Settings(arguments.table, bright_dots=arguments.bright_dots))
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", UserWarning)
+            warnings.showwarning = lambda message, *_args, **_words: say(message)
+            answers = process(
+                arguments.source, arguments.target, core, arguments.topic, arguments.camera_info, overlay=arguments.overlay
+            )
     except (ValueError, OSError) as error:
-        print(f"spindoe_ros.bag: {error}", file=sys.stderr)
-        return 2 if isinstance(error, ValueError) else 1
+        say(error)
+        return 2 if isinstance(error, (ValueError, *USAGE)) else 1
     posed = sum(bool(answer.pose) for answer in answers)
     reason = most(Counter(answer.pose.reason for answer in answers if not answer.pose))
     print(f"{posed} of {len(answers)} images answered: {arguments.target}" + (f" (others: {reason})" if reason else ""))
-    return 0
+    return 0 if posed else 3
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ which `Answer.frame_id_of` names as such. Quaternions leave as ROS orders them, 
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,11 @@ def _setting(default: Any, description: str, low: float | None = None, high: flo
 
 @dataclass(frozen=True)
 class Settings:
-    """What a user decides: the node declares each as a parameter, with its description and range."""
+    """What a user decides: the node declares each as a parameter, with its description and range.
+
+    Raises:
+        ValueError: For a number out of its range.
+    """
 
     table: str = _setting("", "the pattern's table, .npz, or the pattern, .csv")
     """The pattern's table, ``.npz``, or the pattern, ``.csv``."""
@@ -43,15 +47,24 @@ class Settings:
     )
     """``fx, fy, cx, cy`` in pixels, and OpenCV's distortion; they go before those of a ``CameraInfo``, which zeros leave it to.
     Without either the ball's position is not known."""
+    bright_dots: bool = _setting(False, "a dark ball with bright dots: images are estimated as negatives")
     rectified: bool = _setting(False, "whether the images are rectified: then the matrix p of camera_info counts")
     """Whether the images are rectified: then the projection matrix of a ``CameraInfo`` counts, without distortion."""
-    ball_radius_m: float = _setting(0.02, "radius of the ball, m", 0.001, 1.0)
+    ball_radius_m: float = _setting(0.02, "radius of the ball, m", 0.0005, 0.5)
     min_confidence: float = _setting(
         spindoe.MIN_CONFIDENCE_IMAGES, "minimum probability that a published pose is correct", 0.0, 1.0
     )
     window: int = _setting(12, "number of poses that the spin is fitted to", 3, 1000)
     memory_s: float = _setting(0.25, "age at which poses are forgotten, s", 0.001, 60.0)
     max_rps: float = _setting(175.0, "largest spin considered, revolutions per second", 0.1, 1000.0)
+
+    def __post_init__(self) -> None:
+        for setting in fields(self):
+            if limits := setting.metadata["range"]:
+                (low, high), value = limits, getattr(self, setting.name)
+                # NaN is in no range.
+                if not low <= value <= high:
+                    raise ValueError(f"{setting.name}: expected {low:g} to {high:g}, found {value!r}")
 
     def camera(self) -> spindoe.Camera | None:
         """The camera of the intrinsics; None where they are zeros.
@@ -250,7 +263,9 @@ class SpinCore:
                 f"image: expected {expected} pixels, of which camera_info is by its size, roi and binning, found {width} x {height}"
             )
         time_s, note = self._time_of(message.header.stamp)
-        state = self.tracker.update(image, time_s, color=color)
+        # What is kept to be shown is the camera's picture.
+        seen = np.invert(image) if self.settings.bright_dots else image
+        state = self.tracker.update(seen, time_s, color=color)
         pose, spin = state.frame.pose, state.spin
         pose = pose.as_frame("optical") if pose else pose
         spin = spin.as_frame("optical") if spin else spin

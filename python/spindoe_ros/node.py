@@ -76,6 +76,7 @@ class SpinNode(Node):  # type: ignore[misc]
             raise ValueError(f"image_transport: expected raw or compressed, found {transport!r}")
         self._core = SpinCore(self._settings())
         self._candidate = self._core
+        self._refused: Settings | None = None
         self._health = health.Health()
         self._verdict: health.Verdict | None = None
         self._reported_s = time.monotonic()
@@ -130,15 +131,23 @@ class SpinNode(Node):  # type: ignore[misc]
             self._candidate = self._core.with_settings(replace(self._settings(), **asked))
         except (ValueError, OSError) as error:
             return SetParametersResult(successful=False, reason=str(error))
+        self._refused = None
         return SetParametersResult(successful=True, reason="")
 
     def _current(self) -> SpinCore:
-        """The core of the parameters as they are."""
+        """The core of the parameters as they are, or of those before where they do not fit any more."""
         settings = self._settings()
-        if settings != self._core.settings:
+        if settings in (self._core.settings, self._refused):
+            return self._core
+        try:
             fits = settings == self._candidate.settings
             self._core = self._candidate if fits else self._core.with_settings(settings)
-            self.get_logger().info(f"a new beginning with {settings}")
+        except (ValueError, OSError) as error:
+            # As of a table that is gone by now: said once.
+            self._refused = settings
+            self.get_logger().error(f"{error}: going on with {self._core.settings}")
+            return self._core
+        self.get_logger().info(f"a new beginning with {settings}")
         return self._core
 
     def _on_camera_info(self, message: Any) -> None:

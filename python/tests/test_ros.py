@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import math
 import shutil
 import subprocess
 import sys
@@ -236,6 +238,25 @@ def test_an_overlay_of_every_image(clip, recorded, tmp_path):
         assert message.encoding == "rgb8" and 0.01 < changed.mean() < 0.2
 
 
+@pytest.mark.parametrize("make", [padded, compressed("png")])
+def test_a_dark_ball_with_bright_dots(clip, recorded, tmp_path, make):
+    """Its images, as negatives of those of a bright ball, have the answers of these; shown is what the camera saw."""
+    negatives = [(255 - image, truth) for image, truth in clip]
+    record(tmp_path / "in", negatives, make)
+    dark = bag.process(tmp_path / "in", tmp_path / "1", SpinCore(Settings(TABLE, bright_dots=True)))
+    bright = bag.process(recorded[0], tmp_path / "2", SpinCore(Settings(TABLE)))
+    assert sum(bool(answer.pose) for answer in bright) >= 14
+    for one, other, (image, _) in zip(dark, bright, negatives, strict=True):
+        assert bool(one.pose) == bool(other.pose) and one.frame.circle == other.frame.circle
+        if one.pose:
+            assert np.array_equal(one.pose.quaternion_wxyz, other.pose.quaternion_wxyz)
+            assert np.array_equal(one.position_m, other.position_m)
+        assert 0.01 < np.any(one.overlay() != image, axis=2).mean() < 0.2
+    # Without being said, it is no ball of this pattern.
+    answers = bag.process(tmp_path / "in", tmp_path / "3", SpinCore(Settings(TABLE)))
+    assert not any(answer.pose for answer in answers)
+
+
 def leaves_nothing(folder, kept=()):
     return {path.name for path in folder.iterdir()} == set(kept)
 
@@ -256,12 +277,11 @@ def test_a_run_that_fails_leaves_nothing_behind(clip, recorded, tmp_path, monkey
 
     def cut_off(types, header, image):
         message = padded(types, header, image)
-        if header.stamp.nanosec > 20_000_000:
-            message.data = message.data[:100]
+        message.data = message.data[:100]
         return message
 
     record(tmp_path / "in", clip, cut_off)
-    with pytest.raises(ValueError, match="data: expected .* rows"):
+    with pytest.raises(ValueError, match="/image: none of 16 images can be read, the first because of data: expected .* rows"):
         bag.process(tmp_path / "in", tmp_path / "out", core)
     assert leaves_nothing(tmp_path, ["in"])
 
@@ -292,9 +312,86 @@ def test_the_command(recorded, tmp_path):
     refused = run(recorded[0], "other", "--table", TABLE, "--topic", "/chatter")
     assert refused.returncode == 2 and refused.stderr.startswith("spindoe_ros.bag: topic: expected images")
     assert refused.stderr.count("\n") == 1
+    for words, problem in [
+        ((recorded[0], "other", "--table", "none.npz"), "none.npz: cannot be read"),
+        ((recorded[0], "none/other", "--table", TABLE), "No such file"), (("none", "other", "--table", TABLE), "none"),
+    ]:
+        refused = run(*words)
+        assert refused.returncode == 2 and problem in refused.stderr and refused.stderr.count("\n") == 1, refused.stderr
     again = run(recorded[0], "out", "--table", TABLE)
-    assert again.returncode == 1 and again.stderr == "spindoe_ros.bag: out: expected a new bag, found one that exists\n"
+    assert again.returncode == 2 and again.stderr == "spindoe_ros.bag: out: expected a new bag, found one that exists\n"
     assert leaves_nothing(tmp_path, ["out"])
+
+
+def damaged(source, target):
+    """Writes the bag with an image that is cut off, one sent twice, one of another size, one whose bytes are no message, and a
+    camera_info of a lens that nobody knows; the times of the images left."""
+    store, kept, k = get_typestore(Stores.ROS2_HUMBLE), [], 0
+    with Reader(source) as reader, Writer(target, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        to = {c.topic: writer.add_connection(c.topic, c.msgtype, typestore=store) for c in reader.connections}
+        for connection, time_ns, raw in reader.messages():
+            message, given = store.deserialize_cdr(raw, connection.msgtype), raw
+            if connection.topic == "/image":
+                k += 1
+                if k == 3:
+                    message.data = message.data[:100]
+                elif k == 6:
+                    message.header.stamp = last.header.stamp
+                elif k == 9:
+                    message.height -= 1
+                elif k == 12:
+                    given = raw[:90]
+                else:
+                    kept.append(time_ns)
+                last = message
+            elif connection.topic == "/camera_info" and k == 1:
+                message.distortion_model = "ftheta"
+            if given is raw:
+                given = store.serialize_cdr(message, connection.msgtype)
+            writer.write(to[connection.topic], time_ns, given)
+    return kept
+
+
+def test_what_cannot_be_read_is_left_out_and_said(recorded, tmp_path, capsys):
+    kept = damaged(recorded[0], tmp_path / "in")
+    assert bag.main([str(tmp_path / "in"), str(tmp_path / "out"), "--table", TABLE]) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith("12 of 12 images answered")
+    lines = said.err.splitlines()
+    beginnings = [
+        "spindoe_ros.bag: /camera_info: 1 of 16 messages cannot be read, the first because of distortion_model: expected",
+        "spindoe_ros.bag: /image: 4 of 16 messages cannot be read, the first because of data: expected",
+    ]
+    assert [line[: len(words)] for line, words in zip(lines, beginnings, strict=True)] == beginnings
+    with Reader(tmp_path / "out") as reader:
+        times = {c.topic: [] for c in reader.connections}
+        for connection, time_ns, _ in reader.messages():
+            times[connection.topic].append(time_ns)
+    assert times["/image"] == kept and times[bag.POSE] == kept and len(times[bag.TWIST]) >= 9
+    with pytest.warns(UserWarning) as warned:
+        answers = bag.process(tmp_path / "in", tmp_path / "again", SpinCore(Settings(TABLE)))
+    assert len(answers) == 12 and {one.filename for one in warned} == {__file__}
+    assert [f"spindoe_ros.bag: {one.message}" for one in warned] == lines
+
+
+def test_exit_codes(clip, recorded, tmp_path, capsys, monkeypatch):
+    """Of a ball of another pattern no image is answered; of a dark ball all, once that is said."""
+    record(tmp_path / "dark", [(255 - image, truth) for image, truth in clip])
+    for source, words, code in [
+        (recorded[0], ["--table", "dots40"], 3), (tmp_path / "dark", ["--table", TABLE], 3),
+        (tmp_path / "dark", ["--table", TABLE, "--bright-dots"], 0),
+    ]:
+        assert bag.main([str(source), str(tmp_path / "out"), *words]) == code
+        said = capsys.readouterr()
+        assert said.out.startswith("16 of 16" if code == 0 else "0 of 16") and not said.err
+        assert ("others: " in said.out) == (code == 3)
+        shutil.rmtree(tmp_path / "out")
+
+    def full(*_args, **_words):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(bag, "process", full)
+    assert bag.main([str(recorded[0]), str(tmp_path / "out"), "--table", TABLE]) == 1
 
 
 def camera_info(focal_px):
@@ -336,6 +433,14 @@ def test_settings_that_do_not_fit():
         ({"window": 1}, "window: expected 3 to 1000"), ({"table": ""}, "table: expected the path"),
         ({"intrinsics": (900.0, 900.0, 57.0)}, "intrinsics: expected fx, fy, cx, cy"),
         ({"intrinsics": (900.0, 900.0, 57.0, 57.0, 0.1)}, "intrinsics: "),
+        ({"intrinsics": (900.0, 900.0, 57.0, math.nan)}, "intrinsics: "),
+        ({"intrinsics": (900.0, 900.0, 57.0, 57.0, *[math.nan] * 5)}, "intrinsics: "),
+        ({"ball_radius_m": 0.0004}, "ball_radius_m: expected 0.0005 to 0.5, found 0.0004"),
+        ({"ball_radius_m": 0.6}, "ball_radius_m: expected 0.0005 to 0.5, found 0.6"),
+        *[
+            ({name: value}, f"{name}: expected .* to .*, found {value}")
+            for name in ("ball_radius_m", "min_confidence", "memory_s", "max_rps") for value in (math.nan, math.inf)
+        ],
     ]:
         with pytest.raises(ValueError, match=problem):
             SpinCore(Settings(**{"table": TABLE, **given}))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import importlib
 import itertools
+import math
+import shutil
 import sys
 import warnings
 from types import SimpleNamespace
@@ -31,8 +33,9 @@ START_S = 1_700_000_000
 CLIP_S = 1000
 # name: (default, range)
 PARAMETERS = {
-    "table": ("", None), "intrinsics": ([0.0] * 4, None), "rectified": (False, None),
-    "ball_radius_m": (0.02, (0.001, 1.0)), "min_confidence": (spindoe.MIN_CONFIDENCE_IMAGES, (0.0, 1.0)),
+    "table": ("", None), "intrinsics": ([0.0] * 4, None), "bright_dots": (False, None),
+    "rectified": (False, None),
+    "ball_radius_m": (0.02, (0.0005, 0.5)), "min_confidence": (spindoe.MIN_CONFIDENCE_IMAGES, (0.0, 1.0)),
     "window": (12, (3, 1000)), "memory_s": (0.25, (0.001, 60.0)), "max_rps": (175.0, (0.1, 1000.0)),
     "image_transport": ("raw", None),
 }
@@ -391,6 +394,7 @@ def test_parameters_reach_the_core(world, clip):
         ({"memory_s": 1}, "Wrong parameter type"),
         ({"image_transport": ""}, "image_transport: expected"), ({"intrinsics": [900.0, 900.0]}, "intrinsics: expected fx, fy"),
         ({"intrinsics": [-1.0, 900.0, 1.0, 1.0]}, "intrinsics: "), ({"ball_radius_m": 40.0}, "ball_radius_m out of range"),
+        ({"intrinsics": [900.0, 900.0, 1.0, math.nan]}, "intrinsics: "), ({"memory_s": math.nan}, "memory_s out of range"),
     ],
 )
 def test_parameters_that_do_not_fit_end_in_one_line(world, given, problem):
@@ -449,6 +453,38 @@ def test_parameters_change_at_run_time(world, clip):
     last = world.publisher("/ball/pose").sent[-1]
     assert last.header.frame_id == "camera_optical_frame"
     assert last.pose.pose.position.z == pytest.approx(2 * before, rel=0.05)
+
+
+def test_a_table_that_is_gone_does_not_end_the_node(world, clip, tmp_path):
+    """It was there when the parameters were set; another change was tried since, which another part refused."""
+    node = world.module.SpinNode()
+    parameter = sys.modules["rclpy.parameter"].Parameter
+    table = tmp_path / "table.npz"
+    shutil.copy(TABLE, table)
+    sent = images(world, clip)
+    world.send("/image", next(sent))
+    refused = message(world, "rcl_interfaces/SetParametersResult", successful=False, reason="no")
+
+    def set_and_try_another():
+        assert node.set_parameters_atomically([parameter("table", value=str(table))]).successful
+        node._on_set_parameters_callbacks.append(lambda _: refused)
+        assert not node.set_parameters_atomically([parameter("window", value=5)]).successful
+        node._on_set_parameters_callbacks.pop()
+
+    set_and_try_another()
+    table.unlink()
+    world.send("/camera_info", camera_info(world, clip))
+    for _ in range(3):
+        world.send("/image", next(sent))
+    # What was goes on, which is said once.
+    assert len(world.publisher("/ball/pose").sent) == 4 and len(world.publisher("/ball/twist").sent) >= 1
+    (line,) = world.said("error")
+    assert "table.npz: cannot be read" in line and TABLE in line
+    # Set again when it is back, it is taken.
+    shutil.copy(TABLE, table)
+    set_and_try_another()
+    world.send("/image", next(sent))
+    assert node._core.settings.table == str(table) and len(world.said("error")) == 1
 
 
 def test_an_image_that_cannot_be_read_does_not_end_the_node(world, clip):
@@ -562,12 +598,16 @@ def test_diagnostics_of_a_ball_that_is_not_this_one(world, clip):
     assert status.level == status.OK and status.message.startswith("no ball") and key_values(status)["answered share"] == ""
 
 
+@pytest.mark.parametrize("bright_dots", [False, True])
 @pytest.mark.parametrize("bits", [10, 12])
-def test_numbers_of_fewer_bits(world, clip, bits):
+def test_numbers_of_fewer_bits(world, clip, bits, bright_dots):
     """In 16, as many cameras send them."""
+    world.overrides["bright_dots"] = bright_dots
     world.module.SpinNode()
     for image, truth in clip:
         dark = (image.mean(axis=2) / 255 * (2**bits - 1)).astype("<u2")
+        if bright_dots:
+            dark = (2**bits - 1 - dark).astype("<u2")
         height, width = dark.shape
         one = message(
             world, "sensor_msgs/Image", header=header(world, truth.time_s), height=height, width=width, encoding="mono16",
