@@ -3,7 +3,7 @@
     python score.py nothing.json traced/*/*/whole
 
 reads in each folder truth.json (of render.py or of `spindoe synth`) and the named result, JSON (`--json`) or CSV
-(`-o`), and prints a row for each kind and size; balls with bright dots, which the estimator does not look for, apart.
+(`-o`), and prints a row for each kind and size; balls with bright dots, which are read by `--config bright_dots=true`, apart.
 An answer is right within 20 degrees, as everywhere in the project; of pictures without the pattern every answer is
 wrong. Rates have their Wilson 95 % intervals. Errors are those of right answers. "in the 95 % region" is the share of
 right answers whose squared Mahalanobis distance is below the chi-square limit of three degrees of freedom. Outlines are
