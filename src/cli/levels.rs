@@ -135,9 +135,18 @@ const NAMES: usize = 30;
 /// Examples that it shows at most: the rest is in `spindoe help`.
 const EXAMPLES: usize = 5;
 /// Flags of `estimate` that are settings of these, which few need there.
-const SETTINGS: [(&str, &[&str]); 2] = [
-    ("live", &["circle", "camera_distance_radii", "max_spin_rps"]),
+const SETTINGS: [(&str, &[&str]); 3] = [
+    (
+        "live",
+        &[
+            "circle",
+            "camera_distance_radii",
+            "max_spin_rps",
+            "ball_diameter_mm",
+        ],
+    ),
     ("calibrate", &["circle", "camera_distance_radii"]),
+    ("validate", &["ball_diameter_mm"]),
 ];
 
 #[derive(Debug, Args)]

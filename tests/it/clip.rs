@@ -282,7 +282,10 @@ fn dark_balls_with_bright_dots_are_read_as_negatives() {
     assert_eq!(rows("dark", &bright), direct);
     // As they are they show no dots, and the reason says what to do.
     let asked = ["estimate", "--table", "c/table.npz", "dark"];
-    crate::common::refused(dir.path(), &asked, 3, "bright_dots=true");
+    let output = spindoe(dir.path(), &asked);
+    assert_eq!(output.status.code(), Some(3));
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert!(error.contains("bright_dots=true"), "{error}");
     // Where there is no ball that is no reason.
     let empty = dir.path().join("empty.png");
     let gray = RgbImage::new(80, 80, vec![[0.4; 3]; 6_400]).unwrap();

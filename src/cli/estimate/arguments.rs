@@ -46,14 +46,14 @@ pub struct Arguments {
     /// Images, folders of images, or videos.
     #[arg(value_name = "IMAGES_OR_DIR", required = true)]
     pub(super) images: Vec<PathBuf>,
-    /// Write the orientations to this file [default: standard output].
+    /// File of orientations [default: standard output].
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
     pub(super) output: Option<PathBuf>,
     #[command(flatten)]
     pub(super) asked: Asked,
     #[command(flatten)]
     pub(super) times: TimesArgument,
-    /// Draw every frame with its detections into this folder; and a contact sheet, or, where the name ends in .mp4, an annotated video (through ffmpeg; more than 30 frames a second play slower).
+    /// Draw frames with their detections into this folder; and a contact sheet, or, where the name ends in .mp4, an annotated video (through ffmpeg; more than 30 frames a second play slower).
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR_OR_MP4")]
     pub(super) overlay: Option<PathBuf>,

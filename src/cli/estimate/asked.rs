@@ -32,11 +32,10 @@ pub struct Asked {
     pub table: Vec<PathBuf>,
     #[command(flatten)]
     pub source: ImageArguments,
-    /// Diameter of the ball, mm: with --intrinsics it says how far the ball is [default: that of the table, else 40; with --preset golf
-    /// 42.67].
+    /// Ball's diameter: with --intrinsics it says how far the ball is, millimeters; with --preset golf it is 42.67 by default [default: the table's or 40].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub ball_diameter_mm: Option<f64>,
-    /// The axes that orientations, positions and spin are written in: camera, x right, y up, z towards the camera; optical, x right, y down,
+    /// Axes written. Orientations, positions and spin are in these: camera, x right, y up, z towards the camera; optical, x right, y down,
     /// z forward. Without --intrinsics the frame is the view frame, whose z points from the ball to the camera.
     #[arg(long, value_parser = one_of(&CameraFrame::AXES, CameraFrame::as_str), default_value_t = CameraFrame::Camera)]
     pub frame: CameraFrame,

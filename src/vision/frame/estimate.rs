@@ -177,7 +177,7 @@ impl Axis {
         let (short, long) = (width.min(height), width.max(height));
         let is_sensor = |shape: &f64| (long / short / shape - 1.0).abs() < SHAPE_TOLERANCE;
         let is_whole = short > WHOLE_PICTURE * outline.radius && SENSORS.iter().any(is_sensor);
-        is_whole.then(|| Self {
+        is_whole.then_some(Self {
             middle: Pixel {
                 u: 0.5 * (width - 1.0),
                 v: 0.5 * (height - 1.0),

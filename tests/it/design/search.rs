@@ -362,6 +362,7 @@ fn a_stopped_search_keeps_its_best() {
 
 #[test]
 fn a_candidate_is_rated_over_all_views_and_no_trial_serves_twice() {
+    use spindoe::recognize::NamedRecognizer;
     use spindoe::validate::ValidationConfig;
     let config = DesignConfig {
         dots: 8,
@@ -382,7 +383,12 @@ fn a_candidate_is_rated_over_all_views_and_no_trial_serves_twice() {
                 samples: samples.div_ceil(config.protocols.len() as u64),
                 ..ValidationConfig::default()
             };
-            let found = part.run(&ball, &|_| {}).unwrap().validation;
+            // Only orientations count.
+            let view = protocol.view();
+            let recognizer = NamedRecognizer::for_orientations(part.recognizer, &ball, view);
+            let trials = part.trials(ball.pattern());
+            let results = trials.run(&recognizer.unwrap(), &|_| {}).unwrap();
+            let found = part.summary(&ball, &results).validation;
             (found.orientation.successes, found.samples)
         });
         parts.fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
