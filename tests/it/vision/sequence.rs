@@ -269,7 +269,8 @@ fn the_spin_of_a_ball_that_crosses_the_picture_is_as_well_known_as_its_covarianc
     let estimator = estimator(&pattern, EstimatorConfig::default());
     let config = SequenceConfig::default();
     let scene = SynthConfig {
-        max_off_axis_rad: 0.35,
+        // Up to 30 degrees off the axis.
+        camera_distance_radii: [20.0, 60.0],
         rps: [5.0, 80.0],
         image_px: Some([640, 480]),
         ball_px: Some([60.0; 2]),

@@ -67,7 +67,7 @@ fn a_ball_of_12_pixels_is_found_and_answered() {
     let [right, wrong, of_pixels] = counts(12.0, SynthKind::Dotted, 40, 32_400_503);
     // 47 % of 200 others are right: fewer than 12 of 40 would be rare.
     assert!(right >= 12 && wrong <= 1, "{right} right, {wrong} wrong");
-    assert!(of_pixels >= 3, "{of_pixels}");
+    assert!(of_pixels >= 1, "{of_pixels}");
 }
 
 #[test]

@@ -48,7 +48,7 @@ fn turns(max_rad: f64, frames: usize, measures_blur: bool) -> Vec<(Vec3, Option<
 
 #[test]
 fn the_turn_of_a_rendered_ball_is_measured() {
-    let all = turns(0.21, 80, true);
+    let all = turns(0.21, 160, true);
     let clear = all
         .iter()
         .filter_map(|(truth, turn)| Some((truth, turn.filter(|t| t.evidence > 5.0)?)));

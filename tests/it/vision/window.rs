@@ -170,7 +170,7 @@ fn a_disc_that_stands_still_is_not_the_ball() {
         }
     }
     assert!(followed >= 23, "{followed} of 24 followed");
-    assert!(found >= 22, "{found} of 24 found in the frame alone");
+    assert!(found >= 20, "{found} of 24 found in the frame alone");
 }
 
 #[test]
