@@ -43,6 +43,8 @@ def cone(rays: np.ndarray) -> tuple[np.ndarray, float]:
 def test_a_limb_that_opencv_projects_leads_to_the_center(table, distortion):
     cv2 = pytest.importorskip("cv2")
     zero = np.zeros(3)
+    # OpenCV 5 has both in one.
+    undistorted = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)
 
     def shown(points: np.ndarray) -> np.ndarray:
         return cv2.projectPoints(points.reshape(-1, 1, 3), zero, zero, K, distortion)[0].reshape(-1, 2)
@@ -54,7 +56,7 @@ def test_a_limb_that_opencv_projects_leads_to_the_center(table, distortion):
         center = distance * direction / np.linalg.norm(direction)
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
         pixels = shown(limb(center)).reshape(-1, 1, 2)
-        flat = cv2.undistortPointsIter(pixels, K, distortion, np.eye(3), np.eye(3), criteria).reshape(-1, 2)
+        flat = undistorted(pixels, K, distortion, R=np.eye(3), P=np.eye(3), criteria=criteria).reshape(-1, 2)
         axis, half = cone(np.column_stack([flat, np.ones(len(flat))]))
         assert axis * RADIUS_M / np.sin(half) == pytest.approx(center, abs=1e-6)
         # The outline as `Camera.view` has it: where the center is seen, and sqrt(fx fy) |q| m tan(a) with the lens' magnification.
