@@ -195,12 +195,10 @@ fn each_frame(
     let mut frame = Frame::default();
     while let Some(time_s) = pipe.next_frame(&mut frame)? {
         if asked.mirrored {
-            let picture = std::mem::replace(&mut frame.picture, Ok(Picture::default()));
-            frame.picture = picture.and_then(Picture::mirrored);
+            frame.convert(Picture::mirrored);
         }
         if asked.source.bright_dots {
-            let picture = std::mem::replace(&mut frame.picture, Ok(Picture::default()));
-            frame.picture = picture.and_then(Picture::negative);
+            frame.convert(Picture::negative);
         }
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;

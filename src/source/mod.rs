@@ -52,6 +52,14 @@ impl Default for Frame {
     }
 }
 
+impl Frame {
+    /// Puts what `how` makes of the picture in its place, where there is one.
+    pub fn convert(&mut self, how: impl FnOnce(Picture) -> Result<Picture>) {
+        let picture = std::mem::replace(&mut self.picture, Ok(Picture::default()));
+        self.picture = picture.and_then(how);
+    }
+}
+
 /// What a source knows after its last frame.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SourceEnd {

@@ -273,21 +273,12 @@ impl ValidationConfig {
         ball: &Ball,
         observer: &(dyn Fn(u64) + Sync),
     ) -> Result<Vec<TrialResult>> {
-        self.results_until(ball, None, observer)
+        self.trials(ball.pattern())
+            .run(&self.recognizer_for(ball)?, observer)
     }
 
-    fn results_until(
-        &self,
-        ball: &Ball,
-        stop: Option<&AtomicBool>,
-        observer: &(dyn Fn(u64) + Sync),
-    ) -> Result<Vec<TrialResult>> {
-        let recognizer = NamedRecognizer::new(self.recognizer, ball, self.protocol.view())?;
-        let trials = Trials {
-            stop,
-            ..self.trials(ball.pattern())
-        };
-        trials.run(&recognizer, observer)
+    fn recognizer_for(&self, ball: &Ball) -> Result<NamedRecognizer> {
+        NamedRecognizer::new(self.recognizer, ball, self.protocol.view())
     }
 
     /// As [`ValidationConfig::run`], which setting `stop` ends.
@@ -299,8 +290,24 @@ impl ValidationConfig {
         ball: &Ball,
         stop: Option<&AtomicBool>,
     ) -> Result<NamedValidation> {
-        let results = self.results_until(ball, stop, &|_| {})?;
-        Ok(self.summary(ball, &results))
+        self.run_by(&self.recognizer_for(ball)?, ball, stop)
+    }
+
+    /// The same with a recognizer that is at hand.
+    ///
+    /// # Errors
+    /// As [`Trials::run`].
+    pub(crate) fn run_by(
+        &self,
+        recognizer: &NamedRecognizer,
+        ball: &Ball,
+        stop: Option<&AtomicBool>,
+    ) -> Result<NamedValidation> {
+        let trials = Trials {
+            stop,
+            ..self.trials(ball.pattern())
+        };
+        Ok(self.summary(ball, &trials.run(recognizer, &|_| {})?))
     }
 
     /// Validates a ball: counts the successes of [`ValidationConfig::results`].

@@ -102,8 +102,7 @@ fn filmed(
             Err(problem) => return Err(problem),
         };
         if arguments.images.bright_dots {
-            let picture = std::mem::replace(&mut frame.picture, Ok(Picture::default()));
-            frame.picture = picture.and_then(Picture::negative);
+            frame.convert(Picture::negative);
         }
         let picture = frame.picture.as_ref().map_err(|e| e.to_string());
         let picture = picture.map_err(Error::Internal)?;

@@ -20,7 +20,7 @@ use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::{Pattern, random_pattern};
 use crate::recognize::NamedRecognizer;
-use crate::validate::{Proportion, Trials, ValidationConfig};
+use crate::validate::{Proportion, ValidationConfig};
 
 /// Maximum displacement of the dots of an existing pattern that makes a start, radians.
 const SHAKE_RAD: f64 = 0.05;
@@ -213,15 +213,10 @@ pub(super) fn rate(
         };
         let view = part.protocol.view();
         let recognizer = NamedRecognizer::for_orientations(part.recognizer, &ball, view)?;
-        let run = Trials {
-            stop: Some(stop),
-            ..part.trials(ball.pattern())
-        };
-        let results = match run.run(&recognizer, &|_| {}) {
+        let found = match part.run_by(&recognizer, &ball, Some(stop)) {
             Err(Error::Stopped) => return Ok(None),
-            results => results?,
+            found => found?.validation.answered,
         };
-        let found = part.summary(&ball, &results).validation.answered;
         successes += found.successes;
         trials += found.trials;
     }

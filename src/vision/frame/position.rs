@@ -20,8 +20,10 @@
 
 use nalgebra::{Matrix3, SMatrix};
 
+use super::outline::Outline;
 use crate::geometry::Position;
-use crate::vision::optics::camera::BallView;
+use crate::vision::optics::camera::{BallView, Camera};
+use crate::vision::optics::intrinsics::Intrinsics;
 
 /// Step of the finite differences by an outline, radii.
 const STEP: f64 = 1e-4;
@@ -62,16 +64,16 @@ fn slopes(view: &BallView) -> Option<Slopes> {
     Some(slopes)
 }
 
-/// The center of a ball by its outline, whose u, v and radius have the covariance `covariance_px2`; `None` where the camera's
-/// intrinsics are not known.
+/// The center of a ball by its outline; `None` for one that no ball can have.
 pub(crate) fn of_outline(
-    view: &BallView,
-    covariance_px2: &Matrix3<f64>,
+    outline: &Outline,
+    intrinsics: Intrinsics,
     ball_radius_m: f64,
 ) -> Option<Position> {
+    let view = BallView::new(&Camera::Perspective(intrinsics), outline.circle).ok()?;
     let center_m = view.center()? * ball_radius_m;
-    let by_outline = slopes(view)?.center * ball_radius_m;
-    let covariance = by_outline * covariance_px2 * by_outline.transpose();
+    let by_outline = slopes(&view)?.center * ball_radius_m;
+    let covariance = by_outline * outline.covariance * by_outline.transpose();
     Some(Position {
         center_m,
         covariance: 0.5 * (covariance + covariance.transpose()),

@@ -259,14 +259,16 @@ impl OutlineFinder {
         there: &FrameEstimate,
         rim: Option<(BallCircle, RimFit)>,
     ) -> Option<Position> {
-        let (camera, outline) = (Camera::Perspective(self.intrinsics?), there.outline?);
+        let outline = there.outline?;
         let seen = match rim {
             Some((circle, rim)) => rim.correct(&circle, &outline),
             None => outline.with_model_error(),
         };
-        let seen = seen.with_size_error();
-        let view = BallView::new(&camera, seen.circle).ok()?;
-        position::of_outline(&view, &seen.covariance, self.ball_radius_m?)
+        position::of_outline(
+            &seen.with_size_error(),
+            self.intrinsics?,
+            self.ball_radius_m?,
+        )
     }
 
     /// The rim of an outline that was found by its edges, by known intrinsics, and the circle about which it was fitted.

@@ -131,15 +131,22 @@ impl RimFit {
     pub fn correct(&self, circle: &BallCircle, outline: &Outline) -> Outline {
         Outline {
             circle: BallCircle {
-                center: Pixel {
-                    u: circle.center.u + self.change.x,
-                    v: circle.center.v + self.change.y,
-                },
-                radius: circle.radius + self.change.z,
-                ..outline.circle
+                eccentricity: outline.circle.eccentricity,
+                ..self.moved(circle)
             },
             covariance: self.covariance,
             ..*outline
+        }
+    }
+
+    fn moved(&self, circle: &BallCircle) -> BallCircle {
+        BallCircle {
+            center: Pixel {
+                u: circle.center.u + self.change.x,
+                v: circle.center.v + self.change.y,
+            },
+            radius: circle.radius + self.change.z,
+            ..*circle
         }
     }
 }
@@ -168,11 +175,7 @@ impl RimFitter {
         if found.change.amax() < FAR {
             return Some(found);
         }
-        let mut circle = *pixels.view.circle();
-        circle.center.u += found.change.x;
-        circle.center.v += found.change.y;
-        circle.radius += found.change.z;
-        let view = pixels.view.at(circle).ok()?;
+        let view = pixels.view.at(found.moved(pixels.view.circle())).ok()?;
         let moved = BallPixels {
             view: &view,
             ..*pixels

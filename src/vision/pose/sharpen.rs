@@ -104,10 +104,9 @@ impl Estimator {
     pub(crate) fn locate(&self, rim: Option<Outline>, out: &mut FrameEstimate) {
         let found = out.outline.map(|o| o.with_model_error().with_size_error());
         let seen = rim.or(found);
-        out.outline_position = seen.zip(self.intrinsics()).and_then(|(outline, k)| {
-            let view = BallView::new(&Camera::Perspective(k), outline.circle).ok()?;
-            position::of_outline(&view, &outline.covariance, self.ball_radius_m)
-        });
+        out.outline_position = seen
+            .zip(self.intrinsics())
+            .and_then(|(outline, k)| position::of_outline(&outline, k, self.ball_radius_m));
     }
 
     /// The outline by the image's rim, where it was found and is clear; `None` where no dot is.
