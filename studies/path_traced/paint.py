@@ -88,9 +88,8 @@ def ball(rng: np.random.Generator, height: int, base: NDArray, dots: Dots | None
     return np.clip(bitmap, 0.005, 0.95, out=bitmap)
 
 
-def wall(rng: np.random.Generator, albedo: float, contrast: float) -> Bitmap:
+def wall(rng: np.random.Generator, size: int, albedo: float, contrast: float) -> Bitmap:
     """A wall: boards, tiles, lines, clouds or blobs; a contrast of 0 leaves it plain."""
-    size = 512
     v, u = np.mgrid[0:size, 0:size] / size
     kind = rng.integers(5)
     turn = rng.uniform(0, np.pi)

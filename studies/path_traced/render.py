@@ -55,7 +55,9 @@ def frame(
         radius = outline(camera, scene.center).radius_px
         samples = int(np.clip(BALL_SAMPLES / (4 * radius**2), MIN_SAMPLES, MAX_SAMPLES))
     light, built = tracer.light(scene, camera, box, samples, AROUND_SAMPLES, int(rng.integers(1 << 30)))
-    values, jpeg = sensor.picture(light, ball_mask(scene, camera), scene.sensor, rng)
+    light = sensor.defocused(light, scene.sensor)
+    bright = sensor.brightness(light, ball_mask(scene, camera))
+    values, jpeg = sensor.picture(light, bright, scene.sensor, rng)
     stem = f"frame-{k:06d}"
     name = f"{stem}.jpg" if jpeg else f"{stem}.png"
     if jpeg:

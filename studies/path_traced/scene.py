@@ -18,7 +18,10 @@ import sensor
 from camera import Array, Camera, outline, place
 
 KINDS = ("good", "clutter", "dim", "near", "empty")
-WIDTH, HEIGHT = 640, 480
+CLIP_KINDS = ("flying", "held", "nothing", "noise")
+"""Of clip.py."""
+SIZE = (640, 480)
+"""Columns and rows of a still."""
 DOT_RADIUS_RAD = 0.1001674211615598
 """Of dots of 4 mm on a ball of 40 mm."""
 
@@ -40,6 +43,8 @@ class Scene:
     dots: paint.Dots | None
     base: NDArray
     sensor: sensor.Sensor
+    velocity: Array = field(default_factory=lambda: np.zeros(3))
+    """Ball radii a second."""
     logo: bool = False
     occluder: str | None = None
     light: list[dict[str, Any]] = field(default_factory=list)
@@ -49,19 +54,28 @@ class Scene:
 
 def stream(seed: int, kind: str, *names: int) -> np.random.Generator:
     """Random numbers of a folder (no names) or of one part of one of its frames."""
-    return np.random.default_rng([seed, KINDS.index(kind), *names])
+    return np.random.default_rng([seed, (KINDS + CLIP_KINDS).index(kind), *names])
 
 
-def folder_camera(seed: int, kind: str, ball_px: float | None) -> Camera:
+def folder_camera(seed: int, kind: str, ball_px: float | None, size: tuple[int, int] = SIZE) -> Camera:
     """The camera of a folder: all of its frames have the same."""
     rng = stream(seed, kind)
+    width, height = size
     if kind == "near":
         focal = rng.uniform(420, 700)
     else:
         radius = (ball_px or 100.0) / 2
-        focal = np.clip(radius * np.exp(rng.uniform(*np.log((6.5, 60.0)))), 450, 3000)
-    cx, cy = (WIDTH - 1) / 2 + rng.normal(0, 4), (HEIGHT - 1) / 2 + rng.normal(0, 4)
-    return Camera(WIDTH, HEIGHT, float(focal), float(cx), float(cy))
+        bounds = np.array([450, 3000]) * width / SIZE[0]
+        focal = np.clip(radius * np.exp(rng.uniform(*np.log((6.5, 60.0)))), *bounds)
+    cx, cy = (width - 1) / 2 + rng.normal(0, 4), (height - 1) / 2 + rng.normal(0, 4)
+    return Camera(width, height, float(focal), float(cx), float(cy))
+
+
+def is_whole(camera: Camera, center: Array) -> bool:
+    """Whether the outline lies in the picture."""
+    seen = outline(camera, center)
+    room = seen.half_axes_px[0] + 6
+    return bool(room < seen.u < camera.width - 1 - room and room < seen.v < camera.height - 1 - room)
 
 
 def ball_place(rng: np.random.Generator, kind: str, camera: Camera, ball_px: float | None) -> Array:
@@ -73,17 +87,15 @@ def ball_place(rng: np.random.Generator, kind: str, camera: Camera, ball_px: flo
     else:
         radius = np.exp(rng.uniform(*np.log((25.0, 80.0))))
     while True:
-        u, v = rng.uniform(0, WIDTH - 1), rng.uniform(0, HEIGHT - 1)
+        u, v = rng.uniform(0, camera.width - 1), rng.uniform(0, camera.height - 1)
         center = place(camera, u, v, radius)
-        seen = outline(camera, center)
-        room = seen.half_axes_px[0] + 6
-        if room < seen.u < WIDTH - 1 - room and room < seen.v < HEIGHT - 1 - room:
+        if is_whole(camera, center):
             return center
 
 
-def colors(rng: np.random.Generator) -> tuple[NDArray, NDArray]:
-    """A ball's paint and its dots' ink: white, orange, or dark with bright dots."""
-    choice = rng.random()
+def colors(rng: np.random.Generator, kind: str) -> tuple[NDArray, NDArray]:
+    """A ball's paint and its dots' ink: white, orange, or, of stills, dark with bright dots."""
+    choice = rng.random() * (0.8 if kind in CLIP_KINDS else 1.0)
     ink = np.full(3, rng.uniform(0.02, 0.06))
     if choice < 0.45:
         return rng.uniform(0.7, 0.85) * np.array([1.0, 0.99, 0.96]), ink
@@ -134,14 +146,15 @@ def walls(
 ) -> list[dict[str, Any]]:
     """A wall behind the ball, every other time with a floor below it."""
     behind = center * (1 + rng.uniform(3, 12) / np.linalg.norm(center))
-    half = -behind[2] * WIDTH / camera.focal_px
+    half = -behind[2] * camera.width / camera.focal_px
+    texels = 512 * -(-camera.width // SIZE[0])
     found = [
         {
             "type": "rectangle",
             "at": behind.tolist(),
             "tilt_deg": rng.uniform(-8, 8, 2).tolist(),
             "scale": float(1.6 * half),
-            "bitmap": paint.wall(rng, albedo, contrast),
+            "bitmap": paint.wall(rng, texels, albedo, contrast),
         }
     ]
     if rng.random() < 0.5:
@@ -153,7 +166,7 @@ def walls(
                 "at": [float(behind[0]), float(level), float(behind[2])],
                 "tilt_deg": [-90.0, 0.0],
                 "scale": float(1.6 * half + 10),
-                "bitmap": paint.wall(rng, albedo * rng.uniform(0.6, 1.5), contrast),
+                "bitmap": paint.wall(rng, texels, albedo * rng.uniform(0.6, 1.5), contrast),
             }
         )
     return found
@@ -212,7 +225,7 @@ def draw(
     """Frame `frame` of a folder's seed."""
     rng = stream(seed, kind, frame, 0)
     center = ball_place(rng, kind, camera, ball_px)
-    base, ink = colors(rng)
+    base, ink = colors(rng, kind)
     axis = rng.standard_normal(3)
     spin = 2 * np.pi * rng.uniform(0, 150) * axis / np.linalg.norm(axis)
     exposure = np.exp(rng.uniform(*np.log((5e-5, 5e-4))))
@@ -249,7 +262,7 @@ def draw(
 
 def furnish(scene: Scene, rng: np.random.Generator, camera: Camera) -> None:
     """Light, walls and things."""
-    has_clutter = scene.kind == "clutter" or (scene.kind in ("near", "empty") and rng.random() < 0.4)
+    has_clutter = scene.kind in ("clutter", *CLIP_KINDS) or (scene.kind in ("near", "empty") and rng.random() < 0.4)
     scene.light = lights(rng, scene.center, textured=0.5)
     # Before a bright ball a darker wall, before a dark one a brighter.
     brightness = float(scene.base @ sensor.LUMA)
@@ -260,6 +273,6 @@ def furnish(scene: Scene, rng: np.random.Generator, camera: Camera) -> None:
     scene.things = walls(rng, camera, scene.center, albedo, contrast)
     if has_clutter:
         scene.things += clutter(rng, scene.center)
-    if scene.kind == "clutter" and rng.random() < 0.6:
+    if scene.kind == "held" or (scene.kind == "clutter" and rng.random() < 0.6):
         scene.occluder = "hand"
         scene.things += hand(rng, scene.center)

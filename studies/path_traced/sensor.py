@@ -91,11 +91,17 @@ def encoded(signal: NDArray, sensor: Sensor) -> NDArray:
     return value**sensor.gamma
 
 
-def picture(light: NDArray, ball: NDArray, sensor: Sensor, rng: np.random.Generator) -> tuple[NDArray, bytes | None]:
-    """Eight bits, gray or color, and the JPEG's bytes where it is one. `ball` says which pixels show the ball."""
-    light = defocused(light, sensor)
+def brightness(light: NDArray, ball: NDArray) -> float:
+    """What a camera is exposed for. `ball` says which pixels show the ball, if any do."""
     luma = light @ LUMA
-    bright = max(np.percentile(luma[ball], 97), np.percentile(luma, 80))
+    around = np.percentile(luma, 80)
+    return float(max(np.percentile(luma[ball], 97), around) if ball.any() else around)
+
+
+def picture(
+    light: NDArray, bright: float, sensor: Sensor, rng: np.random.Generator
+) -> tuple[NDArray, bytes | None]:
+    """Eight bits, gray or color, and the JPEG's bytes where it is one, of light that went through the lens."""
     signal = light * (sensor.level / max(bright, 1e-9))
     if not sensor.has_color:
         signal = (signal @ LUMA)[..., None]

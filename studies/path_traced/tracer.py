@@ -36,7 +36,8 @@ def rotated(rotation: Rotation) -> Any:
 def ball_transform(scene: Scene, instant: float) -> Any:
     """Where the ball is at an instant, -0.5 to 0.5 of the exposure."""
     turned = Rotation.from_rotvec(scene.spin_rad_s * scene.exposure_s * instant) * scene.rotation
-    return T().translate(scene.center.tolist()) @ rotated(turned)
+    at = scene.center + scene.velocity * scene.exposure_s * instant
+    return T().translate(at.tolist()) @ rotated(turned)
 
 
 def sensor(camera: Camera, scale: int, samples: int, box: Box | None) -> dict[str, Any]:
@@ -90,7 +91,7 @@ def ball(scene: Scene) -> dict[str, Any]:
     return {"type": "disk", "to_world": to_camera, "bsdf": bsdf}
 
 
-def build(scene: Scene, sensors: list[dict[str, Any]]) -> Any:
+def build(scene: Scene, sensors: list[dict[str, Any]], *, has_ball: bool = True) -> Any:
     """The renderer's scene."""
     light = [dict(lamp) for lamp in scene.light]
     for lamp in light:
@@ -100,7 +101,8 @@ def build(scene: Scene, sensors: list[dict[str, Any]]) -> Any:
     parts |= {f"thing{k}": thing(t) for k, t in enumerate(scene.things)}
     parts |= {f"sensor{k}": s for k, s in enumerate(sensors)}
     integrator = {"type": "path", "max_depth": 3, "rr_depth": 3}
-    return mi.load_dict({"type": "scene", "integrator": integrator, "ball": ball(scene), **parts})
+    balls = {"ball": ball(scene)} if has_ball else {}
+    return mi.load_dict({"type": "scene", "integrator": integrator, **balls, **parts})
 
 
 def grown(camera: Camera, box: Box) -> Box:
@@ -110,17 +112,20 @@ def grown(camera: Camera, box: Box) -> Box:
     return x, y, right - x, min(camera.height, box[1] + box[3] + MARGIN_PX) - y
 
 
-def exposed(built: Any, scene: Scene, index: int, instants: int, samples: int, seed: int) -> NDArray:
-    """The mean light of an exposure."""
-    if instants == 1:
-        return np.array(mi.render(built, sensor=index, spp=samples, seed=seed), dtype=float)
+def exposed(built: Any, scene: Scene, camera: Camera, seen_by: Any, samples: int, seed: int) -> NDArray:
+    """The mean light of an exposure on a sensor, or on the scene's sensor of that number."""
+    if scene.is_disc:
+        return np.array(mi.render(built, sensor=seen_by, spp=samples, seed=seed), dtype=float)
+    speed = np.linalg.norm(scene.spin_rad_s) + np.linalg.norm(scene.velocity)
+    steps = np.ceil(speed * scene.exposure_s * outline(camera, scene.center).radius_px / MAX_STEP_PX)
+    instants = int(np.clip(steps, 1, samples))
     params = mi.traverse(built)
     total: NDArray | float = 0.0
     for k in range(instants):
         params["ball.to_world"] = ball_transform(scene, (k + 0.5) / instants - 0.5)
         params.update()
         part = max(1, round(samples / instants))
-        total = total + np.array(mi.render(built, sensor=index, spp=part, seed=seed + k), dtype=float)
+        total = total + np.array(mi.render(built, sensor=seen_by, spp=part, seed=seed + k), dtype=float)
     return total / instants
 
 
@@ -137,10 +142,7 @@ def light(scene: Scene, camera: Camera, box: Box, samples: int, around: int, see
         far = np.array(mi.render(built, sensor=1, spp=around, seed=seed), dtype=float)
         far = ndimage.gaussian_filter(far, (0.8, 0.8, 0.0))
         picture = ndimage.zoom(far, (2, 2, 1), order=1, mode="nearest", grid_mode=True)
-    arc = np.linalg.norm(scene.spin_rad_s) * scene.exposure_s
-    steps = np.ceil(arc * outline(camera, scene.center).radius_px / MAX_STEP_PX)
-    instants = 1 if scene.is_disc else int(np.clip(steps, 1, samples))
-    sharp = exposed(built, scene, 0, instants, samples, seed + 1)
+    sharp = exposed(built, scene, camera, 0, samples, seed + 1)
     x, y, width, height = near
     v, u = np.mgrid[0:height, 0:width]
     inwards = np.full((height, width), np.inf)

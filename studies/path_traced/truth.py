@@ -152,8 +152,22 @@ def write(folder: Path, origin: dict[str, Any], frames: list[dict[str, Any]]) ->
     rows = [",".join(str(x) for x in row) for row in origin["pattern"]]
     (folder / "pattern.csv").write_text("".join(row + "\n" for row in rows))
     circles = ["frame,u,v,radius"]
-    circles += [f"{Path(f['image']).stem},{f['center']['u']},{f['center']['v']},{f['radius_px']}" for f in frames]
+    circles += [
+        f"{Path(f['image']).stem},{f['center']['u']},{f['center']['v']},{f['radius_px']}"
+        for f in frames
+        if "center" in f
+    ]
     (folder / "circles.csv").write_text("\n".join(circles) + "\n")
+
+
+def write_orientations(folder: Path, frames: list[dict[str, Any]]) -> None:
+    """orientations.csv of a clip, as `spindoe spin` reads it."""
+    lines = ["frame,time_s,qw,qx,qy,qz,dots,matched,residual_deg,confidence"]
+    for frame in frames:
+        seen = sum(d["visible"] for d in frame["dots"])
+        row = [Path(frame["image"]).stem, frame["time_s"], *frame["camera_quaternion_wxyz"], seen, seen, 0, 1]
+        lines.append(",".join(str(cell) for cell in row))
+    (folder / "orientations.csv").write_text("\n".join(lines) + "\n")
 
 
 def origin(seed: int, kind: str, ball_px: float | None, placement_rad: float, pattern: Array) -> dict[str, Any]:
@@ -187,4 +201,4 @@ def write_camera(file: Path, camera: Camera) -> None:
 
 def save(file: Path, values: Any) -> None:
     """A picture without loss."""
-    Image.fromarray(values).save(file, optimize=False, compress_level=6)
+    Image.fromarray(values).save(file, optimize=False, compress_level=1)
