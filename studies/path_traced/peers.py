@@ -2,11 +2,12 @@
 
     python peers.py traced/flying-60/1 traced/held-170/1 traced/nothing/1 traced/noise/1
 
-takes folders of clip.py, or of `spindoe synth`, which have no tags. Every call gets the color frame as a camera gives it: what
-a library converts is in its time, reading is not. Times are those of the processor, over all threads of the process. pupil-apriltags and
-cv2.aruco look for tag36h11 with their default parameters; `Estimator.estimate` takes each frame alone, `Tracker.update` one after
-the other, and its time counts from the second frame on. `found` is the share of what the pictures show: tags with their
-centers within 2 px, orientations within 20 degrees; `false` is the number of other answers.
+takes folders of clip.py, or of `spindoe synth`, which have no tags. Every call gets the color frame as a camera gives
+it: what a library converts is in its time, reading is not. Times are those of the processor, over all threads of the
+process. pupil-apriltags and cv2.aruco look for tag36h11 with their default parameters; `Estimator.estimate` takes each
+frame alone, `Tracker.update` one after the other, and its time counts from the second frame on. `found` is the share of
+what the pictures show: tags with their centers within 2 px, orientations within 20 degrees; `false` is the number of
+other answers.
 """
 
 from __future__ import annotations
@@ -101,7 +102,8 @@ class Aruco(Library):
 
     def judge(self, answer: Any, truth: Truth) -> Judged:
         corners, ids, _ = answer
-        return judge_tags([] if ids is None else [(int(k), c[0]) for k, c in zip(ids.ravel(), corners, strict=True)], truth)
+        found = [] if ids is None else [(int(k), c[0]) for k, c in zip(ids.ravel(), corners, strict=True)]
+        return judge_tags(found, truth)
 
 
 class Alone(Library):
@@ -199,7 +201,10 @@ def main() -> None:
     libraries = {name: LIBRARIES[name](args) for name in args.only}
     rows: dict[tuple[str, str], Row] = defaultdict(Row)
     for folder in args.folders:
-        content = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+        try:
+            content = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+        except OSError as error:
+            raise SystemExit(f"{error.filename}: {error.strerror}") from error
         truths = content["frames"]
         pictures = [read(folder / "images" / frame["image"]) for frame in truths]
         for library in libraries.values():

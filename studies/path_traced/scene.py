@@ -63,10 +63,12 @@ def folder_camera(seed: int, kind: str, ball_px: float | None, size: tuple[int, 
     width, height = size
     if kind == "near":
         focal = rng.uniform(420, 700)
+    elif kind in CLIP_KINDS:
+        # 20 to 65 degrees across, as of machines' and phones' lenses.
+        focal = width * np.exp(rng.uniform(*np.log((0.8, 2.8))))
     else:
         radius = (ball_px or 100.0) / 2
-        bounds = np.array([450, 3000]) * width / SIZE[0]
-        focal = np.clip(radius * np.exp(rng.uniform(*np.log((6.5, 60.0)))), *bounds)
+        focal = np.clip(radius * np.exp(rng.uniform(*np.log((6.5, 60.0)))), 450, 3000)
     cx, cy = (width - 1) / 2 + rng.normal(0, 4), (height - 1) / 2 + rng.normal(0, 4)
     return Camera(width, height, float(focal), float(cx), float(cy))
 
