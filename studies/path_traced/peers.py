@@ -198,7 +198,10 @@ def arguments() -> argparse.Namespace:
 def main() -> None:
     args = arguments()
     cv2.setNumThreads(1)
-    libraries = {name: LIBRARIES[name](args) for name in args.only}
+    try:
+        libraries = {name: LIBRARIES[name](args) for name in args.only}
+    except ModuleNotFoundError as error:
+        raise SystemExit(f"{error}: install it, or name the libraries to time by --only") from error
     rows: dict[tuple[str, str], Row] = defaultdict(Row)
     for folder in args.folders:
         try:
