@@ -5,8 +5,8 @@
 
 writes OUT as `spindoe synth --as clip` does, with camera.yml for `spindoe estimate --intrinsics`, circles.csv, the true
 circles, and in each frame of truth.json the corners of two printed AprilTags that lie in the scene. `nothing` gives
-frames of as many rooms without a dotted ball, `noise` frames of independent bytes. What stands still is rendered once, the
-ball's box for each frame.
+frames of as many rooms without a dotted ball, `noise` frames of independent bytes. What stands still is rendered once,
+the ball's box for each frame.
 """
 
 from __future__ import annotations
