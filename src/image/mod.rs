@@ -130,13 +130,25 @@ impl GrayImage {
 
     /// The median of 5 x 5 values about each value; the border repeats. Lines less than three values wide vanish.
     pub(crate) fn median_into(&self, out: &mut Self) {
-        out.fill_with(self.width, self.height, |u, v| {
-            let mut values = [0.0f32; 25];
-            for (k, value) in values.iter_mut().enumerate() {
-                let (du, dv) = (k as isize % 5 - 2, k as isize / 5 - 2);
-                *value = self.at(u as isize + du, v as isize + dv);
+        out.fill_rows(self.width, self.height, |v, values| {
+            let rows: [&[f32]; 5] = std::array::from_fn(|k| {
+                let row = (v + k).saturating_sub(2).min(self.height - 1);
+                self.row(row, 0, self.width)
+            });
+            for left in (0..self.width).step_by(LANES) {
+                let near: [[f32; LANES]; 25] = std::array::from_fn(|k| {
+                    let (row, shift) = (rows[k / 5], k % 5);
+                    let inside = (left + shift)
+                        .checked_sub(2)
+                        .and_then(|at| row.get(at..)?.first_chunk());
+                    inside.copied().unwrap_or_else(|| {
+                        let at = |lane: usize| (left + lane + shift).saturating_sub(2);
+                        std::array::from_fn(|lane| row[at(lane).min(self.width - 1)])
+                    })
+                });
+                let medians = medians(near);
+                values.extend(&medians[..LANES.min(self.width - left)]);
             }
-            *values.select_nth_unstable_by(12, f32::total_cmp).1
         });
     }
 
@@ -157,18 +169,6 @@ impl GrayImage {
         }
     }
 
-    /// As [`GrayImage::sample`] at a place between four pixels: neither coordinate is negative, or at or beyond the last
-    /// column or row.
-    #[inline]
-    pub(crate) fn sample_inside(&self, u: f64, v: f64) -> f32 {
-        let (u0, v0) = (u as usize, v as usize);
-        let (fu, fv) = ((u - u0 as f64) as f32, (v - v0 as f64) as f32);
-        let rows = &self.values[v0 * self.width + u0..][..self.width + 2];
-        let top = rows[0] + fu * (rows[1] - rows[0]);
-        let low = rows[self.width] + fu * (rows[self.width + 1] - rows[self.width]);
-        top + fv * (low - top)
-    }
-
     /// The value between pixels (bilinear); outside, that of the nearest border.
     #[inline]
     pub fn sample(&self, u: f64, v: f64) -> f32 {
@@ -184,6 +184,41 @@ impl GrayImage {
         let top = row(v0);
         top + fv * (row(v1) - top)
     }
+}
+
+/// Values whose medians are found at once.
+const LANES: usize = 8;
+
+/// The median of 25 values in each lane: of more than half of them neither the least nor the greatest is the median; these two are
+/// dropped, another value is taken in, and so on.
+fn medians(mut values: [[f32; LANES]; 25]) -> [f32; LANES] {
+    // In hand are the values from `first` to the last of these.
+    const LAST: usize = 13;
+    fn sort(values: &mut [[f32; LANES]; 25], low: usize, high: usize) {
+        let (a, b) = (values[low], values[high]);
+        for lane in 0..LANES {
+            values[low][lane] = if b[lane] < a[lane] { b[lane] } else { a[lane] };
+        }
+        for lane in 0..LANES {
+            values[high][lane] = if b[lane] < a[lane] { a[lane] } else { b[lane] };
+        }
+    }
+    for first in 0..LAST - 1 {
+        (first + 1..=LAST).for_each(|k| sort(&mut values, first, k));
+        (first + 1..LAST).for_each(|k| sort(&mut values, k, LAST));
+        if let Some(next) = values.get(LAST + 1 + first) {
+            values[LAST] = *next;
+        }
+    }
+    values[LAST - 1]
+}
+
+/// Adds colors, and how many they are.
+fn add_colors(sum: &mut [f32; 4], colors: &[[f32; 3]]) {
+    for color in colors {
+        (0..3).for_each(|c| sum[c] += color[c]);
+    }
+    sum[3] += colors.len() as f32;
 }
 
 /// The gray of a color (ITU-R BT.709).
@@ -360,19 +395,19 @@ impl RgbImage {
     /// difference), from 0 to 1: a ball as bright as what is behind it, but of another color,
     /// stands out. Says whether there is such a color; where there is none, `gray` stays as it is.
     pub(crate) fn to_contrast_into(&self, gray: &mut GrayImage) -> bool {
-        let (width, height) = (self.width as f32, self.height as f32);
         let (mut middle, mut corners) = ([0.0f32; 4], [0.0f32; 4]);
-        for (i, c) in self.values.iter().enumerate() {
-            let x = ((i % self.width) as f32 + 0.5) / width - 0.5;
-            let y = ((i / self.width) as f32 + 0.5) / height - 0.5;
-            let sum = match x.hypot(y) {
-                out if out < MIDDLE => &mut middle,
-                out if out > CORNERS => &mut corners,
-                _ => continue,
+        for (v, row) in self.values.chunks_exact(self.width).enumerate() {
+            let y = (v as f32 + 0.5) / self.height as f32 - 0.5;
+            // The columns that are nearer to the middle than so much.
+            let within = |radius: f32| {
+                let half = (radius * radius - y * y).max(0.0).sqrt();
+                let column = |x: f32| (x * self.width as f32 - 0.5).ceil().max(0.0) as usize;
+                column(0.5 - half)..column(0.5 + half).min(self.width)
             };
-            for (s, x) in sum.iter_mut().zip(c.iter().chain([&1.0])) {
-                *s += x;
-            }
+            let (inner, outer) = (within(MIDDLE), within(CORNERS));
+            add_colors(&mut middle, &row[inner]);
+            add_colors(&mut corners, &row[..outer.start]);
+            add_colors(&mut corners, &row[outer.end..]);
         }
         if middle[3] == 0.0 || corners[3] == 0.0 {
             return false;
@@ -401,5 +436,29 @@ impl RgbImage {
             .iter()
             .flat_map(|c| c.map(|x| (255.0 * x.clamp(0.0, 1.0) + 0.5) as u8))
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_is_the_middle_of_25_sorted_values() {
+        for (width, height) in [(1, 1), (7, 3), (8, 9), (21, 6)] {
+            let image = GrayImage::from_fn(width, height, |u, v| {
+                ((17 * u + 29 * v + u * u * v) % 23) as f32
+            });
+            let mut found = GrayImage::default();
+            image.median_into(&mut found);
+            for at in 0..width * height {
+                let (u, v) = ((at % width) as isize, (at / width) as isize);
+                let mut near: Vec<f32> = (0..25)
+                    .map(|k| image.at(u + k % 5 - 2, v + k / 5 - 2))
+                    .collect();
+                near.sort_by(f32::total_cmp);
+                assert_eq!(found.values()[at], near[12], "{width} x {height}, {u}, {v}");
+            }
+        }
     }
 }

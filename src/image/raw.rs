@@ -195,11 +195,45 @@ impl<'a> RawImage<'a> {
         });
     }
 
-    /// The color of a pixel.
-    pub(crate) fn color_at(&self, u: usize, v: usize) -> [f32; 3] {
+    /// What is added of white by [`RawImage::add_colors`].
+    pub(crate) fn white(&self) -> f32 {
         match self.samples {
-            RawSamples::Eight(samples) => self.color(self.row(samples, v, u, 1)),
-            RawSamples::Sixteen(samples) => self.color(self.row(samples, v, u, 1)),
+            RawSamples::Eight(_) => u8::WHITE,
+            RawSamples::Sixteen(_) => u16::WHITE,
+        }
+    }
+
+    /// Adds the samples of a row's pixels in colors, from the column `left`, to the cells of `1 << level` pixels.
+    pub(crate) fn add_colors(&self, v: usize, left: usize, level: u32, sums: &mut [[f32; 3]]) {
+        match self.samples {
+            RawSamples::Eight(samples) => self.add_channels(samples, v, left, level, sums),
+            RawSamples::Sixteen(samples) => self.add_channels(samples, v, left, level, sums),
+        }
+    }
+
+    fn add_channels<T: Sample>(
+        &self,
+        samples: &[T],
+        v: usize,
+        left: usize,
+        level: u32,
+        sums: &mut [[f32; 3]],
+    ) {
+        let side = 1 << level;
+        let row = self.row(samples, v, left, sums.len() * side);
+        for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(3 * side)) {
+            let mut totals = [0u32; 3];
+            for pixel in cell.chunks_exact(3) {
+                for (total, &sample) in totals.iter_mut().zip(pixel) {
+                    *total += sample.into();
+                }
+            }
+            if self.pixel == RawPixel::Bgr {
+                totals.reverse();
+            }
+            for (sum, total) in sum.iter_mut().zip(totals) {
+                *sum += total as f32;
+            }
         }
     }
 

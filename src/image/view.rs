@@ -106,26 +106,37 @@ impl ImageView<'_> {
         color: &'b mut RgbImage,
     ) -> ImageView<'b> {
         let side = 1usize << level;
-        let area = 1.0 / (side * side) as f32;
-        let color_at: &dyn Fn(usize, usize) -> [f32; 3] = match self {
-            Self::Color(image) => &|u, v| image.row(v, u, 1)[0],
-            Self::Raw(image) if image.pixel() != RawPixel::Gray => &|u, v| image.color_at(u, v),
+        let white = match self {
+            Self::Color(_) => 1.0,
+            Self::Raw(image) if image.pixel() != RawPixel::Gray => image.white(),
             Self::Raw(_) | Self::Gray(_) => {
                 self.shrink_into(part, level, gray);
                 return ImageView::Gray(gray);
             }
         };
+        let area = 1.0 / ((side * side) as f32 * white);
         let (width, height) = (part.width >> level, part.height >> level);
         color.fill_rows(width, height, |v, values| {
-            values.extend((0..width).map(|u| {
-                let mut sum = [0.0; 3];
-                for cell in 0..side * side {
-                    let left = part.left + side * u + cell % side;
-                    let found = color_at(left, part.top + side * v + cell / side);
-                    (0..3).for_each(|c| sum[c] += found[c]);
+            let from = values.len();
+            values.resize(from + width, [0.0; 3]);
+            let sums = &mut values[from..];
+            for row in (0..side).map(|k| part.top + side * v + k) {
+                match self {
+                    Self::Color(image) => {
+                        let row = image.row(row, part.left, width * side);
+                        for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(side)) {
+                            for color in cell {
+                                (0..3).for_each(|c| sum[c] += color[c]);
+                            }
+                        }
+                    }
+                    Self::Raw(image) => image.add_colors(row, part.left, level, sums),
+                    Self::Gray(_) => {}
                 }
-                sum.map(|s| s * area)
-            }));
+            }
+            for value in sums.iter_mut().flatten() {
+                *value *= area;
+            }
         });
         ImageView::Color(color)
     }

@@ -16,6 +16,8 @@ pub const SIZE: usize = 64;
 pub const RADIUS: f64 = 28.0;
 /// Values farther out, in radii, are 0.
 pub const RIM: f64 = 1.1;
+/// Samples a side of a value's square, at most: of a ball of 3 584 pixels every one is read.
+const MAX_FINE: usize = 64;
 /// Minimum standard deviation over the ball: a plain ball's noise is not blown up beyond that.
 const MIN_SPREAD: f32 = 0.01;
 
@@ -61,6 +63,70 @@ pub struct Patch {
     framing: Framing,
     /// Mean and standard deviation over the ball before the values were scaled.
     levels: [f32; 2],
+    columns: Side,
+    rows: Side,
+    /// Pixels of the image, summed over the rows of one of values.
+    summed: Vec<f32>,
+}
+
+/// Where a sample lies between two pixels of a row or of a column.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Between {
+    /// The first of them.
+    at: u32,
+    /// How far beyond it.
+    beyond: f32,
+}
+
+/// The samples of values along a side of a patch.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Side {
+    places: Vec<Between>,
+    /// Samples of a value.
+    fine: usize,
+    /// Pixels of the image.
+    count: usize,
+    /// Which of the values have their middle within the image.
+    inside: Vec<bool>,
+}
+
+impl Side {
+    /// Of a ball whose center is at `center` in an image of so many pixels along this side.
+    fn look(&mut self, center: f64, step: f64, fine: usize, count: usize) {
+        (self.fine, self.count) = (fine, count);
+        let place = |k: usize| {
+            let at = (k as f64 + 0.5) / fine as f64 - 0.5 - MIDDLE;
+            // Outside stands the border.
+            let at = (center + step * at).clamp(0.0, (count - 1) as f64);
+            let first = at as u32;
+            let beyond = (at - f64::from(first)) as f32;
+            Between { at: first, beyond }
+        };
+        self.places.clear();
+        // For the largest ball of such an image.
+        self.places.reserve(SIZE * count.div_ceil(RADIUS as usize));
+        self.places.extend((0..SIZE * fine).map(place));
+        let ends = -0.5..=count as f64 - 0.5;
+        let is_inside = |k: usize| ends.contains(&(center + step * (k as f64 - MIDDLE)));
+        self.inside.clear();
+        self.inside.extend((0..SIZE).map(is_inside));
+    }
+
+    /// The samples of a value: the pixels on both sides, and how far each lies beyond the first.
+    fn of(&self, value: usize) -> impl Iterator<Item = ([usize; 2], f32)> + '_ {
+        let places = &self.places[value * self.fine..][..self.fine];
+        places.iter().map(|place| {
+            let at = place.at as usize;
+            ([at, (at + 1).min(self.count - 1)], place.beyond)
+        })
+    }
+
+    /// The first pixel that is read, and how many.
+    fn range(&self) -> (usize, usize) {
+        let ends = [self.places.first(), self.places.last()];
+        let [first, last] = ends.map(|place| place.map_or(0, |place| place.at as usize));
+        (first, (last + 2).min(self.count) - first)
+    }
 }
 
 impl Default for Patch {
@@ -78,6 +144,9 @@ impl Patch {
             circle: BallCircle::new(Pixel::default(), framing.radius),
             framing,
             levels: [0.0, 1.0],
+            columns: Side::default(),
+            rows: Side::default(),
+            summed: Vec::new(),
         }
     }
 
@@ -97,36 +166,40 @@ impl Patch {
             scaled_by,
             is_blank_outside,
         } = self.framing;
-        let (right, bottom) = (image.width() as f64 - 0.5, image.height() as f64 - 0.5);
-        let step = circle.radius / radius;
+        let step = self.step();
         // Samples a side of a value's square, so that none of the image's pixels is passed over.
-        let fine = (step.ceil() as usize).clamp(1, 64);
+        let fine = (step.ceil() as usize).clamp(1, MAX_FINE);
+        self.columns
+            .look(circle.center.u, step, fine, image.width());
+        self.rows.look(circle.center.v, step, fine, image.height());
+        let (columns, rows) = (&self.columns, &self.rows);
+        let (first, width) = columns.range();
+        // Of a larger ball in a later image, too.
+        self.summed.reserve(image.width());
         let weight = 1.0 / (fine * fine) as f32;
         let (mut sum, mut squares, mut count) = (0f64, 0f64, 0f64);
-        for row in 0..SIZE {
-            for column in 0..SIZE {
-                let out = out_of_middle(column, row);
-                let value = &mut self.values[row * SIZE + column];
-                let u = circle.center.u + step * (column as f64 - MIDDLE);
-                let v = circle.center.v + step * (row as f64 - MIDDLE);
-                let is_outside = !((-0.5..=right).contains(&u) && (-0.5..=bottom).contains(&v));
-                if out > rim * radius || (is_blank_outside && is_outside) {
+        for (row, values) in self.values.chunks_exact_mut(SIZE).enumerate() {
+            self.summed.clear();
+            self.summed.resize(width, 0.0);
+            for (at, beyond) in rows.of(row) {
+                let [above, below] = at.map(|v| image.row(v, first, width));
+                for ((sum, a), b) in self.summed.iter_mut().zip(above).zip(below) {
+                    *sum += a + beyond * (b - a);
+                }
+            }
+            for (column, value) in values.iter_mut().enumerate() {
+                let out2 = squared_out(column, row);
+                let is_outside = !(columns.inside[column] && rows.inside[row]);
+                if out2 > (rim * radius).powi(2) || (is_blank_outside && is_outside) {
                     *value = f32::NAN;
                     continue;
                 }
-                let mut total = 0.0;
-                for j in 0..fine {
-                    for i in 0..fine {
-                        let at = |k: usize, sub: usize| {
-                            k as f64 - MIDDLE + (sub as f64 + 0.5) / fine as f64 - 0.5
-                        };
-                        let u = circle.center.u + step * at(column, i);
-                        let v = circle.center.v + step * at(row, j);
-                        total += image.sample(u, v);
-                    }
-                }
-                *value = total * weight;
-                if out < scaled_by * radius {
+                let sampled = columns.of(column).map(|(at, beyond)| {
+                    let [a, b] = at.map(|u| self.summed[u - first]);
+                    a + beyond * (b - a)
+                });
+                *value = sampled.sum::<f32>() * weight;
+                if out2 < (scaled_by * radius).powi(2) {
                     sum += f64::from(*value);
                     squares += f64::from(*value) * f64::from(*value);
                     count += 1.0;
@@ -154,13 +227,13 @@ impl Patch {
         is_added: bool,
         seen_at: impl Fn(Pixel) -> Pixel,
     ) {
-        let own = self.framing.scaled_by * self.framing.radius;
-        let rim = self.framing.rim * self.framing.radius;
+        let own = (self.framing.scaled_by * self.framing.radius).powi(2);
+        let rim = (self.framing.rim * self.framing.radius).powi(2);
         let step = self.step();
         // For each value the outlines that cover it, and whether the rim of one crosses it; none beyond the ball.
         let of = |at: usize| -> Option<(usize, bool)> {
             let (column, row) = (at % SIZE, at / SIZE);
-            if out_of_middle(column, row) > rim {
+            if squared_out(column, row) > rim {
                 return None;
             }
             let Pixel { u, v } = seen_at(self.to_image(column as f64, row as f64));
@@ -174,7 +247,7 @@ impl Patch {
             Some((key, is_edge))
         };
         let keys: Vec<Option<(usize, bool)>> = (0..SIZE * SIZE).map(of).collect();
-        let is_inside = |at: usize| out_of_middle(at % SIZE, at / SIZE) < own;
+        let is_inside = |at: usize| squared_out(at % SIZE, at / SIZE) < own;
         let mean = |key: usize| -> Option<f32> {
             let within = |at: &usize| keys[*at].is_some_and(|k| k.0 == key) && is_inside(*at);
             let of_key: Vec<f32> = (0..SIZE * SIZE)
@@ -260,6 +333,37 @@ fn in_patch(circle: &BallCircle, step: f64, pixel: Pixel) -> Pixel {
     }
 }
 
-fn out_of_middle(column: usize, row: usize) -> f64 {
-    (column as f64 - MIDDLE).hypot(row as f64 - MIDDLE)
+fn squared_out(column: usize, row: usize) -> f64 {
+    (column as f64 - MIDDLE).powi(2) + (row as f64 - MIDDLE).powi(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each value is the mean over its square of what stands between pixels, wherever the ball lies and however large it is.
+    #[test]
+    fn a_value_is_the_mean_of_its_square() {
+        let image =
+            GrayImage::from_fn(90, 70, |u, v| ((7 * u + 13 * v + u * v) % 31) as f32 / 31.0);
+        for (u, v, radius) in [(40.3, 35.8, 11.0), (44.0, 30.2, 60.0), (3.1, 66.4, 29.0)] {
+            let circle = BallCircle::new(Pixel { u, v }, radius);
+            let patch = Patch::cut(&image, &circle);
+            let (step, [mean, spread]) = (patch.step(), patch.levels());
+            let fine = step.ceil() as usize;
+            for (row, column) in [(32, 31), (10, 25), (40, 50), (55, 20)] {
+                let mut sum = 0.0;
+                for k in 0..fine * fine {
+                    let at = |value: usize, k: usize| {
+                        value as f64 + (k as f64 + 0.5) / fine as f64 - 0.5
+                    };
+                    let Pixel { u, v } = patch.to_image(at(column, k % fine), at(row, k / fine));
+                    sum += image.sample(u, v);
+                }
+                let expected = (sum / (fine * fine) as f32 - mean) / spread;
+                let found = patch.values()[row * SIZE + column];
+                assert!((found - expected).abs() < 1e-4, "{found} for {expected}");
+            }
+        }
+    }
 }

@@ -6,8 +6,8 @@ use crate::vision::optics::camera::BallCircle;
 
 /// What is cut out around a circle, in radii: what the net for outlines sees, and a rough circle's error.
 pub(crate) const SURROUNDINGS: f64 = 1.8;
-/// Larger balls, radii in pixels, are looked at at a smaller scale: it has all that the detectors see.
-const MAX_NEAR: f64 = 250.0;
+/// Larger balls, radii in pixels, are looked at at a smaller scale: it has all that the detectors and the fit of the outline see.
+const MAX_NEAR: f64 = 60.0;
 
 /// Where an outline is looked for, in the frame's pixels.
 #[derive(Debug, Clone, Copy)]

@@ -22,6 +22,7 @@ mod objectives;
 mod objectives_images;
 mod outlines;
 mod painted;
+mod pictures;
 mod position;
 mod rebuild;
 mod recognizer;
@@ -97,6 +98,8 @@ enum Command {
     Cost(cost::Args),
     /// How long a frame takes, live.
     Latency(latency::Args),
+    /// What a picture of a folder costs, alone and tracked.
+    Pictures(pictures::Args),
     /// Whether a spin's covariance says how well it is known, from images.
     SpinCoverage(spin_coverage::Args),
     /// Rates and errors of the spin estimators on simulated orientations.
@@ -169,6 +172,7 @@ fn main() -> Outcome {
         Command::Small(args) => args.run(),
         Command::Cost(args) => args.run(),
         Command::Latency(args) => args.run(),
+        Command::Pictures(args) => args.run(),
         Command::SpinCoverage(args) => args.run(),
         Command::SpinRates(args) => args.run(),
         Command::SpinDecay(args) => args.run(),

@@ -4,33 +4,20 @@
 //! `|c + e (cos a, sin a) - (u, v)| - r`, whose derivatives are `-cos a, -sin a, -1` to first order.
 
 mod ellipse;
+mod unroll;
 
-use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use self::ellipse::Parameters;
+pub(crate) use self::unroll::Unrolled;
+use self::unroll::{EDGES, Edge, RAYS, SMOOTHING};
 use super::vote::Center;
 use super::{BallCircle, BallFit, GrayImage, Pixel, Polarity};
 use crate::stats::biweight;
 use crate::vision::optics::sums::Sums;
 
-/// Rays around a center.
-const RAYS: usize = 72;
-/// Samples a pixel along a ray.
-const FINE: f64 = 2.0;
-/// Maximum number of samples on a ray, and of edges on it.
-const SAMPLES: usize = 96;
-const EDGES: usize = 4;
-/// Standard deviation of the smoothing of derivatives, pixels.
-const SMOOTHING: f64 = 0.8;
-/// Edges below this part of the strong ones' slope (the upper quartile of the rays' strongest) are none.
-const FAINT: f32 = 0.15;
-/// Edges below this slope, brightness per pixel, are none: a step of 1 of 255.
-const FAINTEST: f32 = 0.004;
-/// On both sides of an edge, within so many samples, the slope falls below this part of its peak: else it is a ramp.
-const FLANK: (usize, f32) = (8, 0.75);
 /// Reach of Tukey's biweight in the successive fits, in radii; then in pixels, for the last.
 const REACH: [f64; 4] = [0.2, 0.12, 0.08, 0.05];
 const LAST_REACH: f64 = 1.5;
@@ -44,56 +31,6 @@ const TUKEY: f64 = 4.7;
 const CORRELATED: f64 = 2.0;
 /// The systematic error of an outline (shading, blur), pixels, added to the scatter's.
 const SYSTEMATIC: f64 = 0.05;
-
-/// An edge on a ray.
-#[derive(Debug, Clone, Copy, Default)]
-struct Edge {
-    radius: f64,
-    /// Fall of the brightness outwards (for dark balls, rise), per pixel; 0 for no edge.
-    slope: f32,
-}
-
-/// Working memory.
-#[derive(Debug)]
-pub(crate) struct Unrolled {
-    /// Where the rays begin.
-    origin: Vector2<f64>,
-    directions: Vec<[f64; 2]>,
-    kernel: Vec<f32>,
-    values: [f32; SAMPLES],
-    slopes: [f32; SAMPLES],
-    edges: Vec<[Edge; EDGES]>,
-    strongest: Vec<f32>,
-    /// How far the image reaches along each ray.
-    reaches: Vec<f64>,
-}
-
-impl Default for Unrolled {
-    fn default() -> Self {
-        let direction = |k: usize| {
-            let (sin, cos) = (TAU * k as f64 / RAYS as f64).sin_cos();
-            [cos, sin]
-        };
-        let sigma = SMOOTHING * FINE;
-        let half = (2.5 * sigma).ceil() as i64;
-        let weight = |k: i64| {
-            let x = k as f64 / sigma;
-            -x * (-0.5 * x * x).exp()
-        };
-        // A ramp that falls by 1 a pixel has the slope 1.
-        let norm: f64 = (-half..=half).map(|k| weight(k) * k as f64).sum::<f64>() / FINE;
-        Self {
-            origin: Vector2::zeros(),
-            directions: (0..RAYS).map(direction).collect(),
-            kernel: (-half..=half).map(|k| (weight(k) / norm) as f32).collect(),
-            values: [0.0; SAMPLES],
-            slopes: [0.0; SAMPLES],
-            edges: vec![[Edge::default(); EDGES]; RAYS],
-            strongest: Vec::with_capacity(RAYS),
-            reaches: vec![0.0; RAYS],
-        }
-    }
-}
 
 impl Unrolled {
     /// The radius around a center, of those voted for, at which most rays have an edge of this sign, and a measure of how
@@ -205,76 +142,6 @@ impl Unrolled {
         (sums, total, count)
     }
 
-    /// Finds the edges on all rays from a center (u, v, _) between two radii.
-    fn find_edges(
-        &mut self,
-        image: &GrayImage,
-        center: &Vector3<f64>,
-        (from, to): (f64, f64),
-        sign: f64,
-    ) {
-        self.origin = center.xy();
-        let half = self.kernel.len() / 2;
-        let margin = half as f64 / FINE;
-        let begin = (from - margin).max(0.0);
-        let count = (((to + margin - begin) * FINE) as usize).min(SAMPLES);
-        let (right, bottom) = ((image.width() - 1) as f64, (image.height() - 1) as f64);
-        // Where no ray leaves the image, no place has to be compared with its borders.
-        let farthest = begin + count as f64 / FINE;
-        let is_inside = center.x - farthest >= 0.0
-            && center.y - farthest >= 0.0
-            && center.x + farthest < right
-            && center.y + farthest < bottom;
-        for ray in 0..RAYS {
-            let [cos, sin] = self.directions[ray];
-            let mut sampled = 0;
-            if is_inside {
-                for (k, value) in self.values[..count].iter_mut().enumerate() {
-                    let radius = begin + k as f64 / FINE;
-                    *value = image.sample_inside(center.x + radius * cos, center.y + radius * sin);
-                }
-                sampled = count;
-            }
-            while sampled < count {
-                let k = sampled;
-                let radius = begin + k as f64 / FINE;
-                let (u, v) = (center.x + radius * cos, center.y + radius * sin);
-                if !(u >= -0.5 && v >= -0.5 && u <= right + 0.5 && v <= bottom + 0.5) {
-                    break;
-                }
-                self.values[k] = image.sample(u, v);
-                sampled = k + 1;
-            }
-            self.reaches[ray] = begin + sampled.saturating_sub(half) as f64 / FINE;
-            self.slopes.fill(0.0);
-            for k in half..sampled.saturating_sub(half) {
-                let window = &self.values[k - half..=k + half];
-                let slope: f32 = window.iter().zip(&self.kernel).map(|(v, w)| v * w).sum();
-                self.slopes[k] = if sign == 0.0 {
-                    slope.abs()
-                } else {
-                    -(sign as f32) * slope
-                };
-            }
-            self.edges[ray] = peaks(&self.slopes[..sampled], begin);
-        }
-        self.drop_faint();
-    }
-
-    /// Forgets edges that are faint against the strong ones.
-    fn drop_faint(&mut self) {
-        let strongest = |edges: &[Edge; EDGES]| edges.iter().map(|e| e.slope).fold(0.0, f32::max);
-        self.strongest.clear();
-        self.strongest.extend(self.edges.iter().map(strongest));
-        self.strongest.sort_unstable_by(f32::total_cmp);
-        let least = (FAINT * self.strongest[RAYS * 3 / 4]).max(FAINTEST);
-        for edge in self.edges.iter_mut().flatten() {
-            if edge.slope < least {
-                edge.slope = 0.0;
-            }
-        }
-    }
-
     /// How much the brightness falls across the outline on a ray, a tenth of the radius to either side; of either sign for
     /// `sign` 0.
     fn fall(&self, image: &GrayImage, outline: &Parameters, ray: usize, sign: f64) -> f64 {
@@ -368,32 +235,4 @@ fn ball_circle(outline: &Parameters) -> BallCircle {
         radius: outline[2] / (1.0 + stretch).sqrt(),
         eccentricity: Vector2::new(angle.cos(), angle.sin()) * length,
     }
-}
-
-/// The strongest peaks of the slopes along a ray, between samples by a parabola.
-fn peaks(slopes: &[f32], begin: f64) -> [Edge; EDGES] {
-    let mut found = [Edge::default(); EDGES];
-    for k in 1..slopes.len().saturating_sub(1) {
-        let [a, b, c] = [slopes[k - 1], slopes[k], slopes[k + 1]];
-        // Ends of the range, where no slope is known, are no edges.
-        if b <= 0.0 || a >= b || c > b || a == 0.0 || c == 0.0 {
-            continue;
-        }
-        let falls = |flank: &[f32]| flank.iter().any(|s| *s < FLANK.1 * b);
-        let after = (k + 1 + FLANK.0).min(slopes.len());
-        if !falls(&slopes[k.saturating_sub(FLANK.0)..k]) || !falls(&slopes[k + 1..after]) {
-            continue;
-        }
-        let shift = f64::from(0.5 * (a - c) / (a - 2.0 * b + c));
-        let edge = Edge {
-            radius: begin + (k as f64 + shift) / FINE,
-            slope: b,
-        };
-        let at = found.iter().position(|e| e.slope < b);
-        if let Some(at) = at {
-            found[at..].rotate_right(1);
-            found[at] = edge;
-        }
-    }
-    found
 }

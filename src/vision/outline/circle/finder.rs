@@ -219,6 +219,9 @@ impl BallFinder {
                 if fit.visible >= self.config.min_visible {
                     self.remember(fit);
                 }
+                if fit.support.min(fit.visible) >= WHOLE && self.is_ball(&fit) {
+                    break;
+                }
             }
         }
         best

@@ -146,12 +146,18 @@ impl Votes {
             let row = |v: usize| image.row(v, 0, self.width);
             let (above, below) = (v.saturating_sub(1), (v + 1).min(self.height - 1));
             let (above, here, below) = (row(above), row(v), row(below));
-            for u in 0..self.width {
-                let (l, r) = (u.saturating_sub(1), (u + 1).min(self.width - 1));
+            let slope = |l: usize, u: usize, r: usize| {
                 let x = above[r] + 2.0 * here[r] + below[r] - above[l] - 2.0 * here[l] - below[l];
                 let y = below[l] + 2.0 * below[u] + below[r] - above[l] - 2.0 * above[u] - above[r];
-                let length = (x * x + y * y).sqrt();
-                self.gradients.push([x, y, length]);
+                [x, y, (x * x + y * y).sqrt()]
+            };
+            // Beyond the border stands its own value.
+            let last = self.width - 1;
+            self.gradients.push(slope(0, 0, last.min(1)));
+            let inner = 1..last;
+            self.gradients.extend(inner.map(|u| slope(u - 1, u, u + 1)));
+            if last > 0 {
+                self.gradients.push(slope(last - 1, last, last));
             }
         }
     }
@@ -182,6 +188,12 @@ impl Votes {
     /// Whether no pixel nearby has more votes (of equals, the first is the peak).
     fn is_peak(&self, u: isize, v: isize, votes: f32) -> bool {
         let (width, height) = (self.width as isize, self.height as isize);
+        // Most are none beside their neighbors.
+        let at = (v * width + u) as usize;
+        if (u > 0 && self.smooth[at - 1] >= votes) || (u + 1 < width && self.smooth[at + 1] > votes)
+        {
+            return false;
+        }
         for other_v in (v - APART).max(0)..=(v + APART).min(height - 1) {
             for other_u in (u - APART).max(0)..=(u + APART).min(width - 1) {
                 let other = self.smooth[(other_v * width + other_u) as usize];

@@ -129,29 +129,61 @@ impl Unrolled {
         ray: usize,
         ellipse: &Parameters,
     ) -> Option<(&Edge, (f64, Parameters))> {
-        let edges = self.edges[ray].iter().filter(|e| e.slope > 0.0);
-        let all = edges.filter_map(|e| Some((e, self.residual(ray, e, ellipse)?)));
-        all.min_by(|a, b| a.1.0.abs().total_cmp(&b.1.0.abs()))
+        let edges = self.edges[ray].iter().take_while(|e| e.slope > 0.0);
+        let all = edges.filter_map(|e| Some((e, self.place(ray, e, ellipse)?)));
+        let (edge, place) = all.min_by(|a, b| a.1.outside.abs().total_cmp(&b.1.outside.abs()))?;
+        Some((edge, (place.outside, place.derivatives(ellipse))))
     }
 
-    /// How far an edge lies outside the ellipse, and the derivatives of the ellipse's radius there by its parameters.
-    fn residual(&self, ray: usize, edge: &Edge, ellipse: &Parameters) -> Option<(f64, Parameters)> {
+    /// Where an edge lies by the ellipse.
+    fn place(&self, ray: usize, edge: &Edge, ellipse: &Parameters) -> Option<Place> {
         let [cos, sin] = self.directions[ray];
-        let offset =
-            self.origin + Vector2::new(cos, sin) * edge.radius - ellipse.fixed_rows::<2>(0);
-        let distance = offset.norm();
+        let x = self.origin.x + cos * edge.radius - ellipse[0];
+        let y = self.origin.y + sin * edge.radius - ellipse[1];
+        let distance = (x * x + y * y).sqrt();
         if distance < 1e-6 {
             return None;
         }
-        let (c, s) = (offset.x / distance, offset.y / distance);
-        let (c2, s2) = (c * c - s * s, 2.0 * c * s);
-        let form = 1.0 + ellipse[3] * c2 + ellipse[4] * s2;
-        if form <= 0.0 {
-            return None;
+        let mut place = Place {
+            outside: distance - ellipse[2],
+            cos: x / distance,
+            sin: y / distance,
+            form: 1.0,
+        };
+        if ellipse[3] != 0.0 || ellipse[4] != 0.0 {
+            let [c2, s2] = place.twice();
+            place.form = 1.0 + ellipse[3] * c2 + ellipse[4] * s2;
+            if place.form <= 0.0 {
+                return None;
+            }
+            place.outside = distance - ellipse[2] / place.form.sqrt();
         }
-        let radius = ellipse[2] / form.sqrt();
-        let by_shape = -0.5 * radius / form;
-        let j = Parameters::new(c, s, radius / ellipse[2], by_shape * c2, by_shape * s2);
-        Some((distance - radius, j))
+        Some(place)
+    }
+}
+
+/// Where an edge lies by an ellipse.
+struct Place {
+    /// Pixels beyond it.
+    outside: f64,
+    cos: f64,
+    sin: f64,
+    /// `1 + p cos 2a + q sin 2a`.
+    form: f64,
+}
+
+impl Place {
+    /// Cosine and sine of twice the angle.
+    fn twice(&self) -> [f64; 2] {
+        let (c, s) = (self.cos, self.sin);
+        [c * c - s * s, 2.0 * c * s]
+    }
+
+    /// Of the ellipse's radius there, by its parameters.
+    fn derivatives(&self, ellipse: &Parameters) -> Parameters {
+        let by_radius = 1.0 / self.form.sqrt();
+        let by_shape = -0.5 * ellipse[2] * by_radius / self.form;
+        let [c2, s2] = self.twice();
+        Parameters::new(self.cos, self.sin, by_radius, by_shape * c2, by_shape * s2)
     }
 }
