@@ -19,6 +19,7 @@ from ._balls import BallEstimate, Balls, GolfSpin, StrobeEstimate, StrobeHypothe
 from ._calibrate import Calibration, SteadyMark
 from ._common import Rejection
 from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
+from ._fictrac import FicTracPath, fictrac
 from ._frame import BallView, Camera, FrameEstimate, Pose
 from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
 from ._pattern import DesignRecord, HashTable, KeepOut, Pattern, PatternSummary
@@ -53,6 +54,7 @@ __all__ = [
     "DesignResult",
     "Estimator",
     "EstimatorSettings",
+    "FicTracPath",
     "FrameEstimate",
     "GolfSpin",
     "HashTable",
@@ -87,6 +89,7 @@ __all__ = [
     "MIN_CONFIDENCE_DOTS",
     "MIN_CONFIDENCE_IMAGES",
     "__version__",
+    "fictrac",
     "fit_spin",
     "merge",
     "read_trajectories",

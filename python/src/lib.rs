@@ -11,6 +11,7 @@ mod command;
 mod design;
 mod errors;
 mod estimator;
+mod fictrac;
 mod frames;
 mod image;
 mod pattern;
@@ -37,6 +38,8 @@ mod _native {
     use super::estimator::{
         BallView, Estimator, Tracker, intrinsics_of, project_points, read_intrinsics, size_doubt,
     };
+    #[pymodule_export]
+    use super::fictrac::fictrac_rows;
     #[pymodule_export]
     use super::image::read_image;
     #[pymodule_export]

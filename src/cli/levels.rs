@@ -109,6 +109,7 @@ const HEADINGS: [(&str, &[&str]); 6] = [
         "Output",
         &[
             "content",
+            "format",
             "method",
             "output",
             "overwrite",
@@ -417,6 +418,6 @@ mod tests {
                 flags += 1;
             }
         }
-        assert!(flags <= 150, "{flags} flags");
+        assert!(flags <= 152, "{flags} flags");
     }
 }

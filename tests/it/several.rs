@@ -540,6 +540,19 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
             assert!((y(ours) + y(theirs)).abs() < 1e-6 * y(ours).abs() + 1e-6);
         }
     }
+    // The same as simulators read it; without intrinsics nobody knows how fast the ball is.
+    let shots = run(&[&strobed[..], &["--preset=golf", "--as", "gspro"]].concat());
+    assert_eq!(shots.lines().count(), 2, "{shots}");
+    for (k, line) in shots.lines().enumerate() {
+        let shot: serde_json::Value = serde_json::from_str(line).unwrap();
+        let golf = &json["frames"][k]["strobe"]["hypotheses"][0]["golf"];
+        assert_eq!(shot["ShotNumber"], k + 1);
+        assert_eq!(shot["BallData"]["BackSpin"], golf["backspin_rpm"]);
+        assert_eq!(shot["BallData"]["SpinAxis"], golf["tilt_deg"]);
+        assert_eq!(shot["SpinType"], golf["spin_type"]);
+        assert!(shot["BallData"].get("Speed").is_none());
+        assert_eq!(shot["ShotDataOptions"]["ContainsBallData"], false);
+    }
     // One ball as before: no such columns.
     let single = run(&["estimate", "--table", "e/table.npz", "e/images"]);
     assert!(!single.lines().next().unwrap().contains("ball"));
@@ -551,6 +564,8 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
         (&["--balls", "auto", "--calibrate"], "--calibrate"),
         (&["--preset=golf"], "--strobe-ms"),
         (&["--strobe-ms", "0,,1"], "expected milliseconds"),
+        (&["--as", "gspro"], "expected --strobe-ms and --preset golf"),
+        (&["--balls", "2", "--as", "fictrac"], "expected one ball"),
         (
             &["--strobe-ms", "1x9"],
             "expected at most 8 flashes, found 9",
@@ -586,6 +601,14 @@ fn a_pipe_of_exposures_gives_what_their_files_give() {
         .collect();
     std::fs::write(dir.path().join("stream"), stream).unwrap();
     let live = ["live", "stream", "--fps", "10"];
+    let gspro = |command: &[&str]| {
+        done(
+            dir.path(),
+            &[command, &asked[..], &["--as", "gspro"]].concat(),
+        )
+    };
+    let shots = gspro(&["estimate", "e/images"]);
+    assert!(!shots.is_empty() && shots == gspro(&live), "{shots}");
     let lines = done(dir.path(), &[&live, &asked[..]].concat());
     let mut several = 0;
     for (k, line) in lines.lines().enumerate() {
