@@ -15,6 +15,7 @@ Answers that may be missing are `Rejection` where they are, which is false::
 Bad input raises `ValueError`, what the system refuses `OSError`, both with one line.
 """
 
+from . import dataset
 from ._balls import BallEstimate, Balls, GolfSpin, StrobeEstimate, StrobeHypothesis
 from ._calibrate import Calibration, SteadyMark
 from ._common import Rejection
@@ -89,6 +90,7 @@ __all__ = [
     "MIN_CONFIDENCE_DOTS",
     "MIN_CONFIDENCE_IMAGES",
     "__version__",
+    "dataset",
     "fictrac",
     "fit_spin",
     "merge",

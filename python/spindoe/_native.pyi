@@ -78,6 +78,16 @@ def fit_spin(
     prior: tuple[float, float] | None,
     quatera: tuple[int, int, float, int] | None,
 ) -> _Spin | str: ...
+def write_dataset(
+    clips: list[_Path],
+    estimators: list[Estimator],
+    names: list[str],
+    output: _Path,
+    fps: float | None,
+    frame: str,
+    max_rps: float,
+    overwrite: bool,
+) -> str: ...
 def fictrac_rows(
     times_s: _Floats,
     quaternions: _Floats,

@@ -8,6 +8,7 @@ mod arrays;
 mod balls;
 mod calibrate;
 mod command;
+mod dataset;
 mod design;
 mod errors;
 mod estimator;
@@ -32,6 +33,8 @@ mod _native {
     use super::balls::Balls;
     #[pymodule_export]
     use super::command::command;
+    #[pymodule_export]
+    use super::dataset::write_dataset;
     #[pymodule_export]
     use super::design::{DesignJob, design_request, merge};
     #[pymodule_export]

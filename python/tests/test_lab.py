@@ -1,7 +1,8 @@
-"""What other programs read: FicTrac's columns and golf shots."""
+"""What other programs read: FicTrac's columns, golf shots, data sets of flights."""
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 
@@ -89,6 +90,63 @@ def test_a_sequence_has_a_path():
     # The camera's axes are x right, y down, z forward.
     np.testing.assert_allclose(path.values[1:, 1:4], [spin / 100 * [1, -1, -1]] * (len(path) - 1), atol=0.02)
     assert np.all(path.values[1:, 4] > 0.0)
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("clips")
+    for name, seed in (("a", "3"), ("b", "4")):
+        subprocess.run(
+            [sys.executable, "-m", "spindoe", "synth", "dots20", "-o", str(folder / name), "--image-size", "640x480",
+             "--ball-px", "60", "--frames", "10", "--seed", seed, "--rps", "25", "--config", "drift_px=200,-60"],
+            check=True, capture_output=True,
+        )
+    k = json.loads((folder / "a/truth.json").read_text())["frames"][0]["intrinsics"]
+    return folder, spindoe.Camera([[k["fx"], 0, k["cx"]], [0, k["fy"], k["cy"]], [0, 0, 1]])
+
+
+def test_a_data_set_in_python_is_that_of_the_command(tmp_path, clip):
+    folder, camera = clip
+    estimator = spindoe.Estimator("dots20", camera=camera)
+    record = spindoe.dataset.write(folder / "a/images", estimator, tmp_path / "own", names=["dots20"])
+    numbers = ",".join(str(x) for x in camera.numbers[:4])
+    subprocess.run(
+        [sys.executable, "-m", "spindoe", "dataset", "--table", "dots20", str(folder / "a/images"), f"--intrinsics={numbers}",
+         "-o", str(tmp_path / "command")],
+        check=True, capture_output=True,
+    )
+    assert record == spindoe.dataset.read(tmp_path / "command") == spindoe.dataset.read(tmp_path / "own")
+    for name in ("index.csv", "000.csv", "orientations/000.csv"):
+        assert (tmp_path / "own" / name).read_bytes() == (tmp_path / "command" / name).read_bytes()
+    with pytest.raises(ValueError, match="holds a data set already"):
+        spindoe.dataset.write(folder / "a/images", estimator, tmp_path / "own")
+    with pytest.raises(ValueError, match="intrinsics"):
+        spindoe.dataset.write(folder / "a/images", spindoe.Estimator("dots20"), tmp_path / "none")
+    (tmp_path / "dataset.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"dataset\.json"):
+        spindoe.dataset.read(tmp_path)
+
+
+def test_parquet_has_every_frame_with_its_deviations(tmp_path, clip):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    folder, camera = clip
+    estimator = spindoe.Estimator("dots20", camera=camera)
+    spindoe.dataset.write([folder / "a/images", folder / "b/images"], estimator, tmp_path / "set")
+    spindoe.dataset.to_parquet(tmp_path / "set", tmp_path / "set.parquet")
+    table = parquet.read_table(tmp_path / "set.parquet")
+    record = json.loads(table.schema.metadata[b"spindoe"])
+    assert record == spindoe.dataset.read(tmp_path / "set")
+    flights = [flight for one in record["clips"] for flight in one["flights"]]
+    assert table.num_rows == sum(flight["frames"] for flight in flights) == 20
+    rows = table.to_pandas()
+    for flight, trajectory in zip(flights, spindoe.read_trajectories(tmp_path / "set").trajectories, strict=True):
+        own = rows[rows.flight == flight["number"]]
+        placed = own[own.x_m.notna()]
+        np.testing.assert_allclose(placed[["x_m", "y_m", "z_m"]], trajectory.position_m)
+        np.testing.assert_allclose(placed.time_s - flight["start_s"], trajectory.time_s, atol=1e-9)
+        np.testing.assert_array_equal(own[[f"spin_{axis}_rad_s" for axis in "xyz"]].iloc[0], trajectory.spin)
+        np.testing.assert_allclose(own.spin_cov_xx_rad2_s2, flight["spin"]["covariance_rad2_s2"][0][0])
+        assert (placed.cov_m2_zz > 0.0).all() and (own.cov_xx.dropna() > 0.0).all()
 
 
 def test_a_shot_as_simulators_read_it(tmp_path):

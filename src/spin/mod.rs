@@ -152,6 +152,16 @@ pub struct Fit {
 }
 
 impl Fit {
+    /// Standard deviation of the spin's magnitude, rad/s; without an axis the largest of all directions.
+    pub fn magnitude_std_rad_s(&self) -> Option<f64> {
+        let covariance = self.spin_covariance?;
+        let variance = match self.motion.spin.try_normalize(0.0) {
+            Some(axis) => axis.dot(&(covariance * axis)),
+            None => covariance.symmetric_eigenvalues().max(),
+        };
+        Some(variance.max(0.0).sqrt())
+    }
+
     /// Whether the spin's 95 % region holds none at all: then it has no axis.
     pub fn is_at_rest(&self) -> bool {
         let spin = self.motion.spin;
