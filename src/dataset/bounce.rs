@@ -11,11 +11,11 @@
 //! the sums of squares along the path and across it. Both scales are estimated: cameras lose frames and repeat them, so that a ball is far off *along* its
 //! path and looks as if it had been hit. For the same reason a kink must explain more than a jump of the place does. Of kinks within a window the likeliest counts.
 //!
-//! On the 116 published flights with even numbers half a window of 6, 8 and 10 points and odds of e^15 and e^20 find all 82 bounces off the table, and five or six more, which
+//! On the published flights with even numbers half a window of 6, 8 and 10 points and odds of e^15 and e^20 find all 82 bounces off the table, and five or six more, which
 //! are hits and walls at the ends of the paths; e^10 finds 17 to 23 that are not there. `tests/it/dataset.rs` counts those with odd numbers.
 //!
-//! Guarantees: the answer does not depend on the axes. Not guaranteed: bounces within half a window's least of [`MIN_SIDE`] points from an end of
-//! the path or from each other, and those that change the velocity by less than [`BounceConfig::min_jump_m_s`].
+//! Guarantees: the answer does not depend on the axes. Not guaranteed: bounces with fewer than [`MIN_SIDE`] points on one side, two within half a window of each other, and
+//! those that change the velocity by less than [`BounceConfig::min_jump_m_s`].
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 

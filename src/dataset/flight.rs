@@ -100,8 +100,8 @@ pub fn read_clip(
     })
 }
 
-/// The flights of a sequence with positions; those without any are none.
-fn flights(file: Orientations, spin: &SpinConfig, config: &BounceConfig) -> Vec<Flight> {
+/// The flights of a sequence with positions, each with its own spin; those without any position are none.
+pub fn flights(file: Orientations, spin: &SpinConfig, config: &BounceConfig) -> Vec<Flight> {
     let placed = file.rows.iter().enumerate();
     let placed: Vec<(usize, PathPoint)> = placed
         .filter_map(|(k, row)| Some((k, point(row)?)))

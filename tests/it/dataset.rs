@@ -3,11 +3,13 @@
 use std::path::Path;
 
 use nalgebra::Matrix3;
-use rand::SeedableRng as _;
-use rand_distr::{Distribution as _, StandardNormal};
+use rand::{RngExt as _, SeedableRng as _};
+use rand_distr::StandardNormal;
 use serde_json::Value;
-use spindoe::dataset::{Bounce, BounceConfig, PathPoint, bounces};
-use spindoe::geometry::Vec3;
+use spindoe::dataset::{Bounce, BounceConfig, PathPoint, bounces, flights};
+use spindoe::geometry::{Position, Rotation, Vec3};
+use spindoe::spin::orientations::{OrientationRow, Orientations};
+use spindoe::spin::robust::SpinConfig;
 use spindoe::spin::trajectories::{Trajectory, TrajectorySet};
 
 use crate::common::{done, published_trajectories, refused, spindoe};
@@ -104,10 +106,7 @@ fn bounces_of_the_published_flights_with_odd_numbers_are_found() {
 /// A ball of 2.7 g and 40 mm in the air, that may bounce off a table at height 0: gravity, drag and Magnus force (y up), by small steps.
 fn flown(bounces: bool, rate: f64, seed: u64) -> (Vec<PathPoint>, Option<f64>, Matrix3<f64>) {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-    let mut normal = |sigma: f64| -> f64 {
-        let x: f64 = StandardNormal.sample(&mut rng);
-        sigma * x
-    };
+    let mut normal = |sigma: f64| sigma * rng.sample::<f64, _>(StandardNormal);
     let spin = Vec3::new(normal(100.0), normal(60.0), normal(200.0));
     let mut velocity = Vec3::new(6.0 + normal(1.5), -1.0 + normal(0.5), normal(0.5));
     let mut place = Vec3::new(-0.6, 0.35, -1.5);
@@ -174,6 +173,76 @@ fn paths_without_a_bounce_have_none_and_those_with_one_have_it() {
             "{rate} fps: {missed} of {seen}"
         );
     }
+}
+
+/// Before a bounce and after it a ball has different spins: two flights.
+#[test]
+fn a_bounce_separates_two_spins() {
+    // The first flight that is seen long enough after its bounce, too.
+    let is_long = |points: &[PathPoint], bounced: Option<f64>| {
+        let after = points
+            .iter()
+            .filter(|p| bounced.is_some_and(|b| p.time_s > b));
+        after.count() >= 15
+    };
+    let mut flown = (7301..7400).map(|seed| flown(true, 350.0, seed));
+    let (points, bounced, noise) = flown.find(|(p, b, _)| is_long(p, *b)).expect("one");
+    let bounced = bounced.expect("a bounce");
+    let spins = [Vec3::new(20.0, -5.0, 150.0), Vec3::new(10.0, 8.0, 90.0)];
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7501);
+    let row = |(k, point): (usize, &PathPoint)| {
+        let before = point.time_s.min(bounced);
+        let after = point.time_s - before;
+        let turned = Rotation::new(spins[1] * after) * Rotation::new(spins[0] * before);
+        let error = Vec3::from_fn(|_, _| 0.005 * rng.sample::<f64, _>(StandardNormal));
+        OrientationRow {
+            frame: k.to_string(),
+            time_s: point.time_s,
+            // Now and then a frame shows no dots, or no ball at all.
+            orientation: (k % 7 != 3).then(|| Rotation::new(error) * turned),
+            covariance: (k % 7 != 3).then(|| Matrix3::identity() * 2.5e-5),
+            position: (k % 11 != 5).then_some(Position {
+                center_m: point.position_m,
+                covariance: noise,
+                with_rotation: None,
+            }),
+            ..OrientationRow::default()
+        }
+    };
+    let file = Orientations {
+        rows: points.iter().enumerate().map(row).collect(),
+        ..Orientations::default()
+    };
+    let count = file.rows.len();
+    let found = flights(file, &SpinConfig::default(), &BounceConfig::default());
+    assert_eq!(found.len(), 2);
+    assert_eq!(
+        found.iter().map(|f| f.file.rows.len()).sum::<usize>(),
+        count
+    );
+    for (number, (flight, spin)) in found.iter().zip(&spins).enumerate() {
+        let times = flight.file.rows.iter().map(|row| row.time_s);
+        assert!(
+            times.clone().all(|t| (t >= bounced) == (number == 1)),
+            "{bounced}"
+        );
+        let fitted = flight.spin.as_ref().expect("a spin").overall();
+        let off = fitted.motion.spin - spin;
+        let covariance = fitted.spin_covariance.expect("a covariance");
+        let distance2 = off.dot(&covariance.cholesky().unwrap().solve(&off));
+        // 99.9 % of chi-squared with three degrees of freedom lie below.
+        assert!(
+            distance2 < 16.27 && off.norm() < 0.02 * spin.norm(),
+            "flight {number}: {} {distance2}",
+            fitted.motion.spin
+        );
+        let trajectory = flight.trajectory(7);
+        assert_eq!((trajectory.number, trajectory.points[0].time_s), (7, 0.0));
+        assert_eq!(trajectory.points.len(), flight.points().count());
+    }
+    assert!(found[0].bounce.is_none());
+    let bounce = found[1].bounce.expect("begins with it");
+    assert!((bounce.time_s - bounced).abs() < 1.0 / 350.0 && bounce.jump_m_s.y > 1.0);
 }
 
 /// A clip of a flight, the camera's intrinsics as a flag, and its truth.
@@ -248,10 +317,7 @@ fn clips_become_a_data_set_that_is_read_back() {
         assert!((p.norm() / distance - 1.0).abs() < 0.03, "{p} {distance}");
     }
     // What was estimated, and the plots by which it is checked.
-    let rows = spindoe::spin::orientations::Orientations::read_csv(
-        &dir.path().join("set/orientations/001.csv"),
-    )
-    .unwrap();
+    let rows = Orientations::read_csv(&dir.path().join("set/orientations/001.csv")).unwrap();
     assert!(
         rows.rows
             .iter()

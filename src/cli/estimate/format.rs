@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use clap::{Args, ValueEnum};
 
 use super::Asked;
-use crate::error::{Error, Result, require};
+use crate::error::{Error, Result};
 use crate::spin::fictrac::{self, FicTracConfig};
 use crate::spin::orientations::Orientations;
 
@@ -66,10 +66,8 @@ impl Asked {
             ("c2a_r", !given.c2a_r.is_empty()),
             ("max_bad_frames", given.max_bad_frames.is_some()),
         ];
-        for (key, _) in others
-            .iter()
-            .filter(|(_, is_given)| *is_given && !is_fictrac)
-        {
+        let foreign = others.iter().find(|(_, is_given)| *is_given && !is_fictrac);
+        if let Some((key, _)) = foreign {
             return Err(Error::argument(*key, "expected only with --as fictrac"));
         }
         self.fictrac().map(drop)
@@ -88,7 +86,10 @@ impl Asked {
         match given[..] {
             [] => Ok(Some(config)),
             [x, y, z] => config.with_c2a_r([x, y, z]).map(Some),
-            _ => require(false, "c2a_r", "three numbers", given.len()).map(|()| None),
+            _ => {
+                let problem = format!("expected three numbers, found {}", given.len());
+                Err(Error::argument("c2a_r", problem))
+            }
         }
     }
 

@@ -94,7 +94,7 @@ fn two_frames_that_follow_each_other_have_a_spin_with_its_covariance() {
     let mut tracker = tracker(&clip.pattern, TrackerConfig::default());
     let mut update = |k: usize| {
         let (image, time_s) = &clip.frames[k];
-        tracker.update(image, *time_s, None).unwrap().spin.clone()
+        *tracker.update(image, *time_s, None).unwrap().spin
     };
     assert!(update(0).is_err());
     let fit = update(1).expect("a spin of two");
