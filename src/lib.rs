@@ -12,7 +12,7 @@
 //! [`geometry`] <- [`pattern`] <- [`ball`] (what all others are made for) <- [`view`] <- [`recognize`] <- [`validate`] <- [`design`];
 //! [`pipeline`] (work on a stream) serves [`recognize`];
 //! [`stencil`], [`mark`], [`spin`], [`vision`] (from an image to an orientation) and [`clip`] (all frames of one) stand beside them,
-//! [`plot`], [`report`] and [`cli`] on top.
+//! [`dataset`] (flights of many), [`plot`], [`report`] and [`cli`] on top.
 //!
 //! # Conventions
 //! The library takes radians and SI units. Camera frame: x right, y up, z from the ball towards the
@@ -132,6 +132,8 @@ pub mod cli;
 #[cfg(feature = "vision")]
 pub mod clip;
 mod concurrency;
+#[cfg(feature = "vision")]
+pub mod dataset;
 pub mod design;
 mod error;
 pub mod files;

@@ -15,10 +15,12 @@ Answers that may be missing are `Rejection` where they are, which is false::
 Bad input raises `ValueError`, what the system refuses `OSError`, both with one line.
 """
 
+from . import dataset
 from ._balls import BallEstimate, Balls, GolfSpin, StrobeEstimate, StrobeHypothesis
 from ._calibrate import Calibration, SteadyMark
 from ._common import Rejection
 from ._design import Design, DesignProgress, DesignResult, Proportion, Validation, merge, validate
+from ._fictrac import FicTracPath, fictrac
 from ._frame import BallView, Camera, FrameEstimate, Pose
 from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
 from ._pattern import DesignRecord, HashTable, KeepOut, Pattern, PatternSummary
@@ -53,6 +55,7 @@ __all__ = [
     "DesignResult",
     "Estimator",
     "EstimatorSettings",
+    "FicTracPath",
     "FrameEstimate",
     "GolfSpin",
     "HashTable",
@@ -87,6 +90,8 @@ __all__ = [
     "MIN_CONFIDENCE_DOTS",
     "MIN_CONFIDENCE_IMAGES",
     "__version__",
+    "dataset",
+    "fictrac",
     "fit_spin",
     "merge",
     "read_trajectories",

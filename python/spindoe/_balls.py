@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, cast
@@ -77,6 +78,18 @@ class StrobeHypothesis:
     """Faster spins that explain the images as well, shape (n, 3)."""
     golf: GolfSpin | None
     """The spin in golf's words, of a flight in that direction; None without a spin."""
+    _shot: str | None = None
+
+    def open_connect(self, shot_number: int = 1) -> dict[str, Any] | None:
+        """The shot as golf simulators read it, GSPro's Open Connect V1; None without a spin. ``json.dumps`` makes the message of it.
+
+        Speed and directions are in it where the ball's positions are known, by intrinsics and the ball's diameter; only then
+        ``ContainsBallData`` is true. ``SpinType`` says whether the spin is measured or estimated.
+        """
+        if self._shot is None:
+            return None
+        shot: dict[str, Any] = json.loads(self._shot)
+        return shot | {"ShotNumber": shot_number}
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,10 +191,11 @@ def _hypothesis(found: _native._Strobed) -> StrobeHypothesis:
     covariance: Floats | None
     others: list[list[float]]
     golf: _native._Golf | None
+    shot: str | None
     if isinstance(spin, str):
-        vector, covariance, others, golf = Rejection(spin), None, [], None
+        vector, covariance, others, golf, shot = Rejection(spin), None, [], None, None
     else:
-        vector, covariance, others, golf = spin
+        vector, covariance, others, golf, shot = spin
     return StrobeHypothesis(
         probability,
         tuple(lit),
@@ -192,6 +206,7 @@ def _hypothesis(found: _native._Strobed) -> StrobeHypothesis:
         covariance,
         np.array(others, dtype=np.float64).reshape(-1, 3),
         None if golf is None else _golf(golf),
+        shot,
     )
 
 

@@ -78,6 +78,24 @@ def fit_spin(
     prior: tuple[float, float] | None,
     quatera: tuple[int, int, float, int] | None,
 ) -> _Spin | str: ...
+def write_dataset(
+    clips: list[_Path],
+    estimators: list[Estimator],
+    names: list[str],
+    output: _Path,
+    fps: float | None,
+    frame: str,
+    max_rps: float,
+    overwrite: bool,
+) -> str: ...
+def fictrac_rows(
+    times_s: _Floats,
+    quaternions: _Floats,
+    covariances: _Floats | None,
+    frame: str,
+    c2a_r: list[float] | None,
+    max_bad_frames: int | None,
+) -> tuple[list[str], _Floats, str]: ...
 def in_axes(
     frame: str,
     axes: str,
@@ -256,7 +274,7 @@ _Strobed = tuple[
     list[int],
     str,
     list[float],
-    tuple[_Floats, _Floats, list[list[float]], _Golf | None] | str,
+    tuple[_Floats, _Floats, list[list[float]], _Golf | None, str | None] | str,
 ]
 
 class Balls:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from . import _html
 from ._common import Floats, Frame, Ints, Rejection, optional, write_whole
+from ._fictrac import FicTracPath, fictrac
 from ._frame import FrameEstimate, Pose
 from ._native import __version__
 from ._pattern import PathLike
@@ -143,6 +144,21 @@ class SequenceEstimate:
         table: pandas.DataFrame = library.DataFrame(columns, index=library.RangeIndex(count, name="frame"))
         table.attrs = {"frame": self.frame, "units": {name: unit for name in columns if (unit := _unit(name))}}
         return table
+
+    def fictrac(
+        self, *, c2a_r: tuple[float, float, float] | None = None, max_bad_frames: int | None = None
+    ) -> FicTracPath:
+        """The fictive path of an animal that walks on the ball, in FicTrac's columns; see `spindoe.fictrac`.
+
+        Raises:
+            ValueError: Where the frames have no times.
+        """
+        if self.times_s is None:
+            raise ValueError("times_s: expected times of the frames, found none")
+        return fictrac(
+            self.times_s, self.quaternions_wxyz, covariances_rad2=self.covariances_rad2, frame=self.frame, c2a_r=c2a_r,
+            max_bad_frames=max_bad_frames,
+        )
 
     def plot(self, ax: matplotlib.axes.Axes | None = None, **style: Any) -> matplotlib.axes.Axes:
         """Draws the rotation about the spin's axis over time with the fit; see `spindoe.plot.sequence`."""

@@ -21,6 +21,7 @@ use crate::errors::{Answer, OrRaise};
 use crate::estimator::{Estimator, check_times, warn_of_clip};
 use crate::frames::{FrameTuple, frame_tuple};
 use crate::image::{Copied, Pixels, raw_pixel};
+use crate::pattern::to_json;
 use crate::work::abandonable;
 
 /// A ball's estimate, its table and the probabilities of all tables.
@@ -28,7 +29,7 @@ type BallTuple<'py> = (FrameTuple<'py>, usize, Vec<f64>);
 /// The same with the ball's number.
 type NumberedTuple<'py> = (Option<usize>, BallTuple<'py>);
 /// Probability, balls with their flashes, missed flashes, direction of flight, velocity in the picture, and the spin with its
-/// covariance, the faster ones and golf's words, or why there is none.
+/// covariance, the faster ones, golf's words and the shot for simulators as JSON, or why there is none.
 type HypothesisTuple<'py> = (
     f64,
     Vec<(usize, usize)>,
@@ -42,6 +43,7 @@ type SpinTuple<'py> = (
     Bound<'py, PyArray2<f64>>,
     Vec<[f64; 3]>,
     Option<GolfTuple>,
+    Option<String>,
 );
 /// Total, backspin, sidespin and rifle spin, rpm; tilt, degrees; the deviations of the second and third, rpm; measured or estimated.
 type GolfTuple = ([f64; 4], f64, Option<[f64; 2]>, &'static str);
@@ -202,7 +204,7 @@ impl Balls {
         let found = hypotheses
             .iter()
             .map(|h| hypothesis_tuple(py, h, self.frame))
-            .collect();
+            .collect::<PyResult<_>>()?;
         Ok((tuples, found))
     }
 }
@@ -243,7 +245,7 @@ fn hypothesis_tuple<'py>(
     py: Python<'py>,
     found: &StrobeHypothesis,
     frame: CameraFrame,
-) -> HypothesisTuple<'py> {
+) -> PyResult<HypothesisTuple<'py>> {
     let spin = match &found.spin {
         Ok((fit, others)) => {
             let [x, y, z]: [f64; 3] = fit.motion.spin.into();
@@ -254,16 +256,17 @@ fn hypothesis_tuple<'py>(
                 square(py, &covariance),
                 others,
                 found.golf(frame).as_ref().map(golf_tuple),
+                found.shot(1, frame).as_ref().map(to_json).transpose()?,
             ))
         }
         Err(rejection) => Answer::Rejected(SpinRejection::to_string(rejection)),
     };
-    (
+    Ok((
         found.probability,
         found.lit.clone(),
         found.missed.clone(),
         found.flight.as_str(),
         found.velocity_px_s,
         spin,
-    )
+    ))
 }

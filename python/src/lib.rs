@@ -8,9 +8,11 @@ mod arrays;
 mod balls;
 mod calibrate;
 mod command;
+mod dataset;
 mod design;
 mod errors;
 mod estimator;
+mod fictrac;
 mod frames;
 mod image;
 mod pattern;
@@ -32,11 +34,15 @@ mod _native {
     #[pymodule_export]
     use super::command::command;
     #[pymodule_export]
+    use super::dataset::write_dataset;
+    #[pymodule_export]
     use super::design::{DesignJob, design_request, merge};
     #[pymodule_export]
     use super::estimator::{
         BallView, Estimator, Tracker, intrinsics_of, project_points, read_intrinsics, size_doubt,
     };
+    #[pymodule_export]
+    use super::fictrac::fictrac_rows;
     #[pymodule_export]
     use super::image::read_image;
     #[pymodule_export]

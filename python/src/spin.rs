@@ -100,7 +100,7 @@ pub fn rows<'py>(py: Python<'py>, file: &Orientations) -> Rows<'py> {
 }
 
 /// The covariance of row `i`.
-fn covariance(rows: &ArrayViewD<'_, f64>, i: usize) -> PyResult<Matrix3<f64>> {
+pub fn covariance(rows: &ArrayViewD<'_, f64>, i: usize) -> PyResult<Matrix3<f64>> {
     let covariance = block3(rows, i);
     let is_one = covariance.iter().all(|x| x.is_finite())
         && (covariance - covariance.transpose()).amax() <= 1e-9 * covariance.amax()

@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 const SMALLEST: f64 = 1e-9;
 
 /// Flags, or how their names end, with their minimum and maximum.
-const BOUNDS: [(&str, f64, f64); 29] = [
+const BOUNDS: [(&str, f64, f64); 30] = [
     ("fps", 1e-3, 1e7),
     ("rps", 0.0, 1e4),
     ("-rps", 0.0, 1e4),
@@ -31,6 +31,8 @@ const BOUNDS: [(&str, f64, f64); 29] = [
     ("pixel-noise", 0.0, 1e3),
     ("blur", 0.0, 1e4),
     ("circle", -1e6, 1e6),
+    // A rotation vector of a whole turn at most.
+    ("c2a-r", -6.3, 6.3),
     ("intrinsics", -1e7, 1e7),
     // Parallel rays come from infinity.
     ("camera-distance-radii", 0.0, f64::INFINITY),

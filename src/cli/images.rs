@@ -78,7 +78,7 @@ pub struct ImageArguments {
 }
 
 /// The times of frames that lie in files.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 pub struct TimesArgument {
     /// Times of the frames: CSV with the header frame,time_s, or in the frames' order what `rpicam-vid --save-pts` writes.
     #[arg(long, value_name = "CSV", conflicts_with = "fps")]

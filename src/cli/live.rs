@@ -3,13 +3,14 @@
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use clap::Args;
 use serde_json::{Value, json};
 
 use super::estimate::Asked;
-use super::estimate::balls::{self, Row, strobe_json, strobe_numbers, strobe_rows};
+use super::estimate::balls::{self, Row, shot_line, strobe_json, strobe_numbers, strobe_rows};
+use super::estimate::format::Format;
 use super::estimate::written::{ball_json, own_row};
 use super::images::read_ball;
 use super::inputs::say_camera;
@@ -23,6 +24,7 @@ use crate::geometry::CameraFrame;
 use crate::image::{ImageView, Picture};
 use crate::source::Frame;
 use crate::source::pipe::PipeFormat;
+use crate::spin::fictrac::FicTrac;
 use crate::vision::Estimator;
 use crate::vision::frame::prior::Budget;
 
@@ -30,7 +32,7 @@ use crate::vision::frame::prior::Budget;
 #[command(after_help = "\
 One line of JSON a frame goes to standard output, the counts at the end to standard error. One ball is followed from frame to
 frame; a line has its orientation, and the spin of the last quarter of a second. With
---balls a line has all of them, with --strobe-ms the flashes of its exposure. Fields are those of `spindoe estimate --json`,
+--balls a line has all of them, with --strobe-ms the flashes of its exposure; with --as a line is what another program reads. Fields are those of `spindoe estimate --json`,
 and latency_ms, the time from the frame's arrival to its line.
 
 Without --fps a frame's time is that of its arrival; frames that come faster than they can be processed are then dropped
@@ -98,15 +100,24 @@ fn one_ball(arguments: &Arguments) -> Result<()> {
     if let Some(roi) = asked.source.roi()? {
         tracker = tracker.within(roi);
     }
+    let mut fictrac = asked.fictrac()?.map(FicTrac::new);
+    asked.say_format();
     let followed = each_frame(arguments, |image, number, time_s, arrived| {
         let rows = image.height();
         let state = tracker.update(image, time_s, outline.as_ref())?;
         say_camera(check.push(rows, [state.frame]).as_ref());
         let is_identified = state.frame.pose().is_some();
-        Ok((
-            is_identified,
-            line(shown_in, number, time_s, &state, arrived),
-        ))
+        let line = match &mut fictrac {
+            Some(fictrac) => {
+                // Frames that were dropped count.
+                fictrac.miss(number - fictrac.frames());
+                let row = own_row(NamedFrame::of(time_s, state.frame), shown_in);
+                let row = fictrac.push(&row, taken_ms(arrived))?;
+                row.map(|row| row.to_string())
+            }
+            None => Some(line(shown_in, number, time_s, &state, arrived).to_string()),
+        };
+        Ok((is_identified, line))
     });
     say_camera(check.end().as_ref());
     followed
@@ -137,6 +148,7 @@ fn all_balls(
             }
         };
         let mut line = json!({ "frame": number, "time_s": time_s });
+        let mut shot = None;
         let mut rows = match strobe {
             None => {
                 let numbers = tracks.update(time_s, &balls);
@@ -159,6 +171,7 @@ fn all_balls(
                 sort_from_left(&mut balls);
                 let found = strobe.read(&balls, shown_in);
                 let numbers = strobe_numbers(&balls, &found);
+                shot = shot_line(number + 1, &found, shown_in);
                 line["strobe"] = strobe_json(asked, strobe, shown_in, &found, &numbers);
                 strobe_rows(asked, shown_in, ("", time_s), &balls, &found, &numbers)
             }
@@ -170,17 +183,28 @@ fn all_balls(
         let shown = rows.iter_mut().map(|row| row.json.take());
         line["balls"] = shown.collect();
         line["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
+        let line = match asked.is_as(Format::Gspro) {
+            true => shot,
+            false => Some(line.to_string()),
+        };
         Ok((is_identified, line))
     });
     say_camera(check.and_then(|mut c| c.end()).as_ref());
     followed
 }
 
-/// Hands each frame of the pipe with its number, time and arrival to `work`, and writes the line that it makes at once; `work` says
+/// When a frame that has arrived was taken, ms since midnight (UTC), by the clock of the computer.
+fn taken_ms(arrived: Instant) -> Option<f64> {
+    let taken = SystemTime::now().checked_sub(arrived.elapsed())?;
+    let since = taken.duration_since(SystemTime::UNIX_EPOCH).ok()?;
+    Some(1e3 * (since.as_secs_f64() % 86_400.0))
+}
+
+/// Hands each frame of the pipe with its number, time and arrival to `work`, and writes the line that it makes, if it does, at once; `work` says
 /// whether the frame was identified, too.
 fn each_frame(
     arguments: &Arguments,
-    mut work: impl FnMut(ImageView<'_>, u64, f64, Instant) -> Result<(bool, Value)>,
+    mut work: impl FnMut(ImageView<'_>, u64, f64, Instant) -> Result<(bool, Option<String>)>,
 ) -> Result<()> {
     let asked = &arguments.asked;
     let mut pipe = Pipe::open(
@@ -207,6 +231,9 @@ fn each_frame(
         let (is_identified, line) = work(view, frame.number, time_s, frame.arrived)?;
         followed += 1;
         identified += u64::from(is_identified);
+        let Some(line) = line else {
+            continue;
+        };
         writeln!(stdout, "{line}")
             .and_then(|()| stdout.flush())
             .map_err(crate::cli::stdout_error)?;

@@ -30,6 +30,8 @@ mod bounds;
 mod calibrate;
 #[cfg(feature = "vision")]
 mod camera;
+#[cfg(feature = "vision")]
+mod dataset;
 mod design;
 #[cfg(feature = "vision")]
 mod estimate;
@@ -123,6 +125,9 @@ enum Command {
     Validate(Box<validate::Arguments>),
     /// Identify dots given as directions, and estimate the orientation.
     Identify(Box<identify::Arguments>),
+    /// Make a data set of flights with positions and spins from clips.
+    #[cfg(feature = "vision")]
+    Dataset(Box<dataset::Arguments>),
     /// Make images, a clip, dots or orientations, with exact truth.
     Synth(Box<synth::Arguments>),
     /// Make the hash table of a pattern, a NumPy archive.
@@ -292,6 +297,8 @@ impl Parsed {
             Command::Spin(arguments) => spin::run(&arguments),
             Command::Validate(arguments) => validate::run(&arguments),
             Command::Identify(arguments) => identify::run(&arguments),
+            #[cfg(feature = "vision")]
+            Command::Dataset(arguments) => dataset::run(&arguments),
             Command::Synth(arguments) => synth::run(&arguments, given),
             Command::Table(arguments) => table::run(&arguments),
             Command::Merge(arguments) => merge::run(&arguments),

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use super::spin_summary::std_along;
 use crate::error::{Error, Result};
 use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use crate::spin::estimate::{FittedMotion, SpinEstimate};
@@ -20,7 +19,7 @@ pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], fitted: &SpinEstim
         .iter()
         .map(|r| {
             let y = r.fit.motion.rps();
-            let half = Z95 * std_along(&r.fit).unwrap_or(0.0) / TAU;
+            let half = Z95 * r.fit.magnitude_std_rad_s().unwrap_or(0.0) / TAU;
             ValuePoint {
                 x: r.time_s,
                 y,
@@ -39,7 +38,7 @@ pub(super) fn plot_over_time(path: &Path, runs: &[WindowFit], fitted: &SpinEstim
     let curve = |i: usize, half_widths: f64| {
         let t = first + (last - first) * i as f64 / CURVE_POINTS as f64;
         let fit = fitted.at(t);
-        let half = Z95 * std_along(&fit).unwrap_or(0.0) / TAU;
+        let half = Z95 * fit.magnitude_std_rad_s().unwrap_or(0.0) / TAU;
         (t, fit.motion.rps() + half_widths * half)
     };
     let name = match &fitted.motion {

@@ -74,7 +74,7 @@ pub(super) fn fit_json(fit: &Fit, frame: CameraFrame) -> Value {
     }
     let std = fit.spin_covariance.as_ref().map(standard_deviations);
     json["std_rad_s"] = json!(std.map(|s| [s.x, s.y, s.z]));
-    json["std_rps"] = json!(std_along(fit).map(|s| s / TAU));
+    json["std_rps"] = json!(fit.magnitude_std_rad_s().map(|s| s / TAU));
     json["covariance_rad2_s2"] = json!(
         fit.spin_covariance
             .map(|c| [0, 1, 2].map(|i| [0, 1, 2].map(|j| c[(i, j)])))
@@ -92,7 +92,9 @@ pub(super) fn fit_json(fit: &Fit, frame: CameraFrame) -> Value {
 pub(super) fn lines(summary: &SpinSummary, frame: CameraFrame) -> Vec<String> {
     let fit = &summary.fit;
     let spin = &fit.motion.spin;
-    let along = std_along(fit).map_or(String::new(), |s| format!(" +- {:.3}", s / TAU));
+    let along = fit
+        .magnitude_std_rad_s()
+        .map_or(String::new(), |s| format!(" +- {:.3}", s / TAU));
     let [x, y, z] = [spin.x, spin.y, spin.z];
     let mut lines = vec![
         format!(
@@ -161,17 +163,6 @@ fn odds(fit: &Fit, alternative: &Alternative) -> String {
         odds if odds >= 1.0 => format!("{odds:.0} to 1"),
         odds => format!("1 to {:.0}", odds.recip()),
     }
-}
-
-/// Standard deviation of a fit's magnitude, rad/s.
-pub(super) fn std_along(fit: &Fit) -> Option<f64> {
-    let covariance = fit.spin_covariance?;
-    let axis = unit(&fit.motion.spin);
-    if axis == Vec3::zeros() {
-        // Without a direction the largest.
-        return Some(covariance.symmetric_eigenvalues().max().max(0.0).sqrt());
-    }
-    Some(axis.dot(&(covariance * axis)).max(0.0).sqrt())
 }
 
 /// A spin's fields; no axis where the ball does not rotate.

@@ -25,6 +25,7 @@ use crate::error::{Result, require};
 use crate::geometry::{CameraFrame, Vec3};
 use crate::spin::alias::{AliasConfig, Alternative, alternatives};
 use crate::spin::golf::{Flight, GolfSpin, SpinType};
+use crate::spin::golf_shot::{Launch, Shot};
 use crate::spin::orientations::Orientations;
 use crate::spin::pair::fit_pair;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
@@ -481,5 +482,24 @@ impl StrobeHypothesis {
         let covariance = fit.spin_covariance.as_ref();
         let spin = &fit.motion.spin;
         Some(GolfSpin::new(spin, covariance, self.flight, spin_type))
+    }
+
+    /// The velocity with which the ball flies off, where `frame` is that of the orientations; `None` where its positions are not known.
+    pub fn launch(&self, frame: CameraFrame) -> Option<Launch> {
+        let rows = self.orientations.rows.iter();
+        let timed: Option<Vec<_>> = rows
+            .map(|row| Some((row.time_s, row.position?.turned(&frame.turn()))))
+            .collect();
+        Launch::through(&timed?)
+    }
+
+    /// The shot as simulators read it, where `frame` is that of the orientations; `None` without a spin.
+    pub fn shot(&self, number: u64, frame: CameraFrame) -> Option<Shot> {
+        Some(Shot {
+            number,
+            spin: self.golf(frame)?,
+            launch: self.launch(frame),
+            flight: self.flight,
+        })
     }
 }

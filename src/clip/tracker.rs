@@ -25,12 +25,15 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use nalgebra::Matrix3;
+
 use super::sequence::{SequenceConfig, predict};
 use super::sequence_view::SequenceView;
 use crate::error::{Error, Result, require};
 use crate::image::{ImageView, Roi};
 use crate::recognize::Hint;
 use crate::spin::clock::Clock;
+use crate::spin::pair;
 use crate::spin::robust::RobustEstimator;
 use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
@@ -93,7 +96,8 @@ impl TrackerConfig {
 pub struct TrackerState<'a> {
     /// The frame: its outline, dots and orientation, or why there is none.
     pub frame: &'a FrameEstimate,
-    /// The spin by the window's poses, or why there is none; without intrinsics in the view frame of the last of them. Its covariance counts the errors of
+    /// The spin by the window's poses, or why there is none: from the second of two frames on that follow each other, the slowest one that leads from
+    /// pose to pose, which nothing checks yet ([`Fit::inliers`] is 2); without intrinsics in the view frame of the last of them. Its covariance counts the errors of
     /// drawn dots that the poses share ([`SharedError`]).
     pub spin: &'a std::result::Result<Fit, SpinRejection>,
     /// What is wrong with the times of the window's frames, and mended for the spin.
@@ -104,6 +108,9 @@ pub struct TrackerState<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     measurement: Measurement,
+    /// The number of its frame, and the covariance of its orientation.
+    number: u64,
+    covariance: Matrix3<f64>,
     residual_rad: f64,
     /// From where, if the camera's intrinsics are unknown.
     from: Option<(BallCircle, CameraDistance)>,
@@ -127,6 +134,8 @@ pub struct Tracker {
     missed: usize,
     spin: std::result::Result<Fit, SpinRejection>,
     last_s: Option<f64>,
+    /// Frames so far.
+    count: u64,
 }
 
 impl Tracker {
@@ -149,6 +158,7 @@ impl Tracker {
             missed: 0,
             spin: Err(NOTHING_SEEN),
             last_s: None,
+            count: 0,
             roi: None,
             config,
         })
@@ -213,6 +223,7 @@ impl Tracker {
             .unwrap_or(whole)
             .within(whole.width, whole.height)?;
         self.last_s = Some(time_s);
+        self.count += 1;
         self.forget(time_s);
         self.find(image, &part, time_s, outline, begun);
         let trusted = self.trusted_pose(time_s);
@@ -307,6 +318,8 @@ impl Tracker {
                 confidence: pose.confidence,
                 ..Measurement::new(time_s, pose.rotation)
             },
+            number: self.count,
+            covariance: pose.covariance,
             residual_rad: pose.residual_rad,
             from: self.frame.seen_from(),
         })
@@ -331,7 +344,21 @@ impl Tracker {
         let turns = turns.filter_map(|seen| Some((seen.measurement.time_s, turn(seen)?)));
         self.fitter
             .set_shared(SharedError::with_turns(shared, turns));
-        self.spin = self.fitter.fit(&self.turned);
+        self.spin = match self.pair() {
+            Some((pair, covariances)) => {
+                let max_rps = self.config.sequence.spin.max_rps;
+                pair::slowest(&pair, &covariances, max_rps)
+            }
+            None => self.fitter.fit(&self.turned),
+        };
+    }
+
+    /// The window's two poses with their covariances, if it has two, and no frame lies between them.
+    fn pair(&self) -> Option<([Measurement; 2], [Matrix3<f64>; 2])> {
+        let pair = <[Measurement; 2]>::try_from(&self.turned[..]).ok()?;
+        let [first, second] = [self.window.front()?, self.window.back()?];
+        let is_next = second.number == first.number + 1;
+        is_next.then_some((pair, [first.covariance, second.covariance]))
     }
 
     /// Drops poses and outlines that are too old.

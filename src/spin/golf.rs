@@ -80,7 +80,8 @@ impl Flight {
     }
 
     /// Up, camera frame.
-    fn up(self) -> Vec3 {
+    /// Up, camera frame: of the picture for who looks from the side, towards the camera for who looks from above.
+    pub fn up(self) -> Vec3 {
         match self {
             Self::Left | Self::Right => Vec3::y(),
             Self::Up | Self::Down => Vec3::z(),

@@ -19,7 +19,7 @@
 //! The other modules: [`orientations`] is the file that they read, [`alias`] lists the spins that
 //! the sampling cannot distinguish, [`summary`] says all of a sequence at once; [`windows`] and
 //! [`decay`] (with the theory in [`air`]) follow a spin through a long sequence, [`precession`] that
-//! of an uneven ball, [`free`] that of one that is pushed, and [`estimate`] takes the motion for which there is evidence; [`pair`] is the spin of two orientations, [`golf`] says a spin in golf's words; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
+//! of an uneven ball, [`free`] that of one that is pushed, and [`estimate`] takes the motion for which there is evidence; [`pair`] is the spin of two orientations, [`golf`] says a spin in golf's words, [`golf_shot`] as simulators read it, [`fictrac`] a treadmill's in those of FicTrac; [`simulate`] makes sequences with a known truth, and [`trajectories`] reads the
 //! published ones.
 //!
 //! Not guaranteed, by any estimator: that aliases, spins which agree at all the given times, are
@@ -31,8 +31,10 @@ pub mod clock;
 pub mod decay;
 pub mod estimate;
 pub mod evidence;
+pub mod fictrac;
 pub mod free;
 pub mod golf;
+pub mod golf_shot;
 pub mod motion;
 pub mod orientations;
 pub mod pair;
@@ -150,6 +152,16 @@ pub struct Fit {
 }
 
 impl Fit {
+    /// Standard deviation of the spin's magnitude, rad/s; without an axis the largest of all directions.
+    pub fn magnitude_std_rad_s(&self) -> Option<f64> {
+        let covariance = self.spin_covariance?;
+        let variance = match self.motion.spin.try_normalize(0.0) {
+            Some(axis) => axis.dot(&(covariance * axis)),
+            None => covariance.symmetric_eigenvalues().max(),
+        };
+        Some(variance.max(0.0).sqrt())
+    }
+
     /// Whether the spin's 95 % region holds none at all: then it has no axis.
     pub fn is_at_rest(&self) -> bool {
         let spin = self.motion.spin;

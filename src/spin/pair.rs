@@ -31,6 +31,32 @@ pub fn fit_pair(
     covariances: &[Matrix3<f64>; 2],
     max_rps: f64,
 ) -> Result<(Fit, Vec<Alternative>), SpinRejection> {
+    let fit = slowest(pair, covariances, max_rps)?;
+    let interval_s = pair[1].time_s - pair[0].time_s;
+    let turn = fit.motion.spin * interval_s;
+    let axis = turn.try_normalize(1e-12).unwrap_or(Vec3::x());
+    let most = (max_rps * interval_s).ceil() as i64 + 1;
+    let turns = (-most..=most).filter(|k| *k != 0);
+    let mut others: Vec<Alternative> = turns
+        .map(|k| Alternative {
+            spin: fit.motion.spin + axis * (TAU * k as f64 / interval_s),
+            log_likelihood_ratio: 0.0,
+        })
+        .filter(|a| a.spin.norm() <= TAU * max_rps)
+        .collect();
+    others.sort_by(|a, b| a.spin.norm().total_cmp(&b.spin.norm()));
+    Ok((fit, others))
+}
+
+/// The slowest of them alone; no memory is allocated.
+///
+/// # Errors
+/// Those of [`fit_pair`].
+pub fn slowest(
+    pair: &[Measurement; 2],
+    covariances: &[Matrix3<f64>; 2],
+    max_rps: f64,
+) -> Result<Fit, SpinRejection> {
     check(pair, 2)?;
     let [first, second] = pair;
     let interval_s = second.time_s - first.time_s;
@@ -55,7 +81,7 @@ pub fn fit_pair(
     let matrix = *relative.to_rotation_matrix().matrix();
     let both = covariances[1] + matrix * covariances[0] * matrix.transpose();
     let back = inverse_left_jacobian(&turn);
-    let fit = Fit {
+    Ok(Fit {
         motion: ConstantSpin {
             time_s: first.time_s,
             orientation: first.orientation,
@@ -66,19 +92,7 @@ pub fn fit_pair(
         log_likelihood: None,
         inliers: 2,
         lack_of_fit: None,
-    };
-    let axis = turn.try_normalize(1e-12).unwrap_or(Vec3::x());
-    let most = (max_rps * interval_s).ceil() as i64 + 1;
-    let turns = (-most..=most).filter(|k| *k != 0);
-    let mut others: Vec<Alternative> = turns
-        .map(|k| Alternative {
-            spin: spin + axis * (TAU * k as f64 / interval_s),
-            log_likelihood_ratio: 0.0,
-        })
-        .filter(|a| a.spin.norm() <= TAU * max_rps)
-        .collect();
-    others.sort_by(|a, b| a.spin.norm().total_cmp(&b.spin.norm()));
-    Ok((fit, others))
+    })
 }
 
 /// The inverse of the left Jacobian of a rotation vector of at most half a turn.

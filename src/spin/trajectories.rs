@@ -10,6 +10,7 @@
 //! jumps and missing numbers, and all of them are read as they are.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
@@ -18,6 +19,8 @@ use crate::files::csv::{Format, Rows};
 use crate::geometry::Vec3;
 use crate::stats::median;
 
+/// The index of a folder.
+pub const INDEX: &str = "index.csv";
 /// The index's header.
 const INDEX_HEADER: [&str; 4] = ["traj_file", "x_spin", "y_spin", "z_spin"];
 
@@ -104,7 +107,7 @@ impl TrajectorySet {
     /// # Errors
     /// [`Error::Read`], or [`Error::Input`] naming the line and what was expected there.
     pub fn read_dir(dir: &Path) -> Result<Self> {
-        let mut spins = read_index(&dir.join("index.csv"))?;
+        let mut spins = read_index(&dir.join(INDEX))?;
         let mut trajectories = Vec::new();
         for (number, path) in numbered_files(dir)? {
             trajectories.push(Trajectory {
@@ -117,6 +120,38 @@ impl TrajectorySet {
             trajectories,
             without_file: spins.into_iter().collect(),
         })
+    }
+
+    /// Writes the set into a folder, as [`Self::read_dir`] reads it, bit by bit the same numbers: the index, and a file for each trajectory, whose
+    /// names have three digits or more. Trajectories without a spin are not in the index.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn write_dir(&self, dir: &Path) -> Result<()> {
+        let spun = self
+            .trajectories
+            .iter()
+            .filter_map(|t| Some((t.number, t.spin?)));
+        let mut spins: Vec<(u32, Vec3)> = spun.chain(self.without_file.iter().copied()).collect();
+        spins.sort_by_key(|(number, _)| *number);
+        let mut index = INDEX_HEADER.join(",") + "\n";
+        for (number, spin) in spins {
+            let _ = writeln!(index, "{number},{},{},{}", spin.x, spin.y, spin.z);
+        }
+        for trajectory in &self.trajectories {
+            let mut text = String::new();
+            for TrajectoryPoint {
+                time_s,
+                position_m: p,
+            } in &trajectory.points
+            {
+                let _ = writeln!(text, "{time_s};{};{};{}", p.x, p.y, p.z);
+            }
+            let path = dir.join(format!("{:03}.csv", trajectory.number));
+            files::write_bytes(&path, text.as_bytes())?;
+        }
+        // A folder with an index is whole.
+        files::write_bytes(&dir.join(INDEX), index.as_bytes())
     }
 
     /// Values that describe the set; zeros for an empty one.

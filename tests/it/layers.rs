@@ -81,6 +81,7 @@ const DRAWING: &[(&str, &str)] = &[
         "plot",
         "calibrate files geometry image pattern stencil vision",
     ),
+    ("dataset", "clip files geometry plot spin vision"),
     (
         "report",
         "ball calibrate camera clip concurrency design files geometry mark pattern plot recognize spin stats stencil \

@@ -11,6 +11,8 @@ mod clip;
 mod common;
 
 #[cfg(feature = "vision")]
+mod dataset;
+#[cfg(feature = "vision")]
 mod derived;
 mod design;
 #[cfg(feature = "cli")]

@@ -540,6 +540,19 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
             assert!((y(ours) + y(theirs)).abs() < 1e-6 * y(ours).abs() + 1e-6);
         }
     }
+    // The same as simulators read it; without intrinsics nobody knows how fast the ball is.
+    let shots = run(&[&strobed[..], &["--preset=golf", "--as", "gspro"]].concat());
+    assert_eq!(shots.lines().count(), 2, "{shots}");
+    for (k, line) in shots.lines().enumerate() {
+        let shot: serde_json::Value = serde_json::from_str(line).unwrap();
+        let golf = &json["frames"][k]["strobe"]["hypotheses"][0]["golf"];
+        assert_eq!(shot["ShotNumber"], k + 1);
+        assert_eq!(shot["BallData"]["BackSpin"], golf["backspin_rpm"]);
+        assert_eq!(shot["BallData"]["SpinAxis"], golf["tilt_deg"]);
+        assert_eq!(shot["SpinType"], golf["spin_type"]);
+        assert!(shot["BallData"].get("Speed").is_none());
+        assert_eq!(shot["ShotDataOptions"]["ContainsBallData"], false);
+    }
     // One ball as before: no such columns.
     let single = run(&["estimate", "--table", "e/table.npz", "e/images"]);
     assert!(!single.lines().next().unwrap().contains("ball"));
@@ -551,6 +564,8 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
         (&["--balls", "auto", "--calibrate"], "--calibrate"),
         (&["--preset=golf"], "--strobe-ms"),
         (&["--strobe-ms", "0,,1"], "expected milliseconds"),
+        (&["--as", "gspro"], "expected --strobe-ms and --preset golf"),
+        (&["--balls", "2", "--as", "fictrac"], "expected one ball"),
         (
             &["--strobe-ms", "1x9"],
             "expected at most 8 flashes, found 9",
@@ -562,6 +577,48 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
         assert_eq!(output.status.code(), Some(2), "{args:?}: {words}");
         assert!(words.contains(expected), "{args:?}: {words}");
     }
+}
+
+#[test]
+fn a_shot_has_the_balls_velocity_where_the_camera_is_known() {
+    let dir = tempfile::tempdir().unwrap();
+    let flashes = [0.0, 0.9e-3, 2.1e-3];
+    let make = "synth dots20 --strobe-ms 0,0.9,2.1 --frames 1 --seed 4 -o e";
+    done(dir.path(), &make.split(' ').collect::<Vec<_>>());
+    let truth = std::fs::read_to_string(dir.path().join("e/truth.json")).unwrap();
+    let truth: serde_json::Value = serde_json::from_str(&truth).unwrap();
+    let frame = &truth["frames"][0];
+    let k = ["fx", "fy", "cx", "cy"].map(|name| frame["intrinsics"][name].as_f64().unwrap());
+    // Where the ball was at the flashes: so many radii of 21.335 mm away on the ray of its center.
+    let place = |ball: &serde_json::Value| {
+        let [u, v] = ["u", "v"].map(|x| ball["ball_center"][x].as_f64().unwrap());
+        let ray = Vec3::new((u - k[2]) / k[0], (k[3] - v) / k[1], -1.0);
+        ray.normalize() * (ball["distance"].as_f64().unwrap() * 0.021_335)
+    };
+    let places: Vec<Vec3> = frame["balls"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(place)
+        .collect();
+    let velocity = (places[2] - places[0]) / (flashes[2] - flashes[0]);
+    let asked = "estimate --table dots20 --strobe-ms 0,0.9,2.1 --preset golf --as gspro e/images";
+    let known = format!("--intrinsics={}", k.map(|x| x.to_string()).join(","));
+    let mut args: Vec<&str> = asked.split(' ').collect();
+    args.push(&known);
+    let shot: serde_json::Value = serde_json::from_str(&done(dir.path(), &args)).unwrap();
+    assert_eq!(shot["ShotDataOptions"]["ContainsBallData"], true);
+    let ball = |name: &str| shot["BallData"][name].as_f64().unwrap();
+    // It flies to the left: ahead is -x, the right of who looks along is away from the camera.
+    assert!(velocity.x < 0.0);
+    let up_deg = velocity.y.atan2(velocity.x.hypot(velocity.z)).to_degrees();
+    let right_deg = (-velocity.z).atan2(-velocity.x).to_degrees();
+    assert!(
+        (ball("Speed") * 0.447_04 / velocity.norm() - 1.0).abs() < 0.02,
+        "{shot} {velocity}"
+    );
+    assert!((ball("VLA") - up_deg).abs() < 0.5, "{shot} {up_deg}");
+    assert!((ball("HLA") - right_deg).abs() < 2.0, "{shot} {right_deg}");
 }
 
 #[test]
@@ -586,6 +643,14 @@ fn a_pipe_of_exposures_gives_what_their_files_give() {
         .collect();
     std::fs::write(dir.path().join("stream"), stream).unwrap();
     let live = ["live", "stream", "--fps", "10"];
+    let gspro = |command: &[&str]| {
+        done(
+            dir.path(),
+            &[command, &asked[..], &["--as", "gspro"]].concat(),
+        )
+    };
+    let shots = gspro(&["estimate", "e/images"]);
+    assert!(!shots.is_empty() && shots == gspro(&live), "{shots}");
     let lines = done(dir.path(), &[&live, &asked[..]].concat());
     let mut several = 0;
     for (k, line) in lines.lines().enumerate() {

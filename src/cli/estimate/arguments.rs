@@ -104,7 +104,7 @@ pub struct Arguments {
     #[arg(long)]
     pub(super) painted: bool,
     /// Write the painted ball's surface to this file: the --table of its further clips.
-    #[arg(long, value_name = "SURFACE.npz")]
+    #[arg(long, value_name = "NPZ")]
     pub(super) write_surface: Option<PathBuf>,
     /// Print one JSON object instead: every dot, every rejection and the spin.
     #[arg(long)]

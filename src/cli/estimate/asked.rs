@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::balls;
+use super::format::{Format, FormatArguments};
 use crate::ball::Ball;
 use crate::cli::flashes::Flashes;
 use crate::cli::images::{ImageArguments, read_balls};
@@ -95,6 +96,8 @@ pub struct Asked {
         requires = "strobe_ms"
     )]
     pub preset: Option<Preset>,
+    #[command(flatten)]
+    pub format: FormatArguments,
 }
 
 impl Asked {
@@ -149,6 +152,7 @@ impl Asked {
             return Err(Error::argument("--min-confidence", problem));
         }
         self.source.check_rate()?;
+        self.check_format()?;
         self.ball_radius_m()?;
         let max_rps = self.max_rps();
         if !(max_rps > 0.0 && max_rps.is_finite()) {
@@ -202,6 +206,10 @@ impl Asked {
 
     /// The frame of orientations and spin.
     pub fn frame(&self) -> Result<CameraFrame> {
-        Ok(self.frame.of_view(self.source.camera()?.is_view()))
+        let axes = match self.is_as(Format::Fictrac) {
+            true => CameraFrame::Optical,
+            false => self.frame,
+        };
+        Ok(axes.of_view(self.source.camera()?.is_view()))
     }
 }

@@ -3,6 +3,7 @@
 mod arguments;
 mod asked;
 pub(super) mod balls;
+pub(super) mod format;
 mod output;
 #[cfg(feature = "plot")]
 mod overlay;
@@ -107,7 +108,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
             let frame = |k: usize| report.drawn(k, &estimators);
             target.draw(&batch.times, batch.frames.len(), frame)?;
         }
-        arguments.write(file, &report.to_csv(), || report.to_json())?;
+        arguments.write(file, &report.rows(), || report.to_json())?;
         report.say();
         return arguments.answered(report.no_answer());
     }
@@ -130,9 +131,10 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     if let Some(path) = &arguments.report {
         page::write(path, &estimators[table], &batch, &report)?;
     }
-    let text = report.orientations_csv();
+    let text = report.rows()?;
     arguments.write(file, &text, || report.to_json())?;
     report.say();
+    asked.say_format();
     arguments.answered(report.no_answer())
 }
 

@@ -205,8 +205,12 @@ impl<'a> Report<'a> {
         &self.orientations
     }
 
-    pub fn orientations_csv(&self) -> String {
-        self.orientations.to_csv()
+    /// The rows as they are asked for.
+    ///
+    /// # Errors
+    /// Those of [`crate::spin::fictrac::rows`].
+    pub fn rows(&self) -> crate::error::Result<String> {
+        self.arguments.asked.rows(&self.orientations)
     }
 
     pub fn to_json(&self) -> Value {

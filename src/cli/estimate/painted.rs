@@ -58,9 +58,10 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&Surface>) -> Result<()
         surface.write_npz(path)?;
     }
     let report = Report::new(arguments, &batch, poses, made.map(|s| s.known()))?;
-    let rows = report.orientations.to_csv();
+    let rows = asked.rows(&report.orientations)?;
     arguments.write(file, &rows, || report.to_json())?;
     report.say(posed);
+    asked.say_format();
     match is_answered {
         true => Ok(()),
         false => Err(Error::NoAnswer {

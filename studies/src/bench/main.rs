@@ -11,6 +11,7 @@ mod cost;
 mod derive;
 mod descents;
 mod detection_limit;
+mod first_spin;
 mod flying;
 mod focal;
 mod frames;
@@ -100,6 +101,8 @@ enum Command {
     Latency(latency::Args),
     /// What a picture of a folder costs, alone and tracked.
     Pictures(pictures::Args),
+    /// After how many frames a tracker knows the spin.
+    FirstSpin(first_spin::Args),
     /// Whether a spin's covariance says how well it is known, from images.
     SpinCoverage(spin_coverage::Args),
     /// Rates and errors of the spin estimators on simulated orientations.
@@ -173,6 +176,7 @@ fn main() -> Outcome {
         Command::Cost(args) => args.run(),
         Command::Latency(args) => args.run(),
         Command::Pictures(args) => args.run(),
+        Command::FirstSpin(args) => args.run(),
         Command::SpinCoverage(args) => args.run(),
         Command::SpinRates(args) => args.run(),
         Command::SpinDecay(args) => args.run(),

@@ -2,6 +2,7 @@
 
 mod compare;
 mod contract;
+mod fictrac;
 mod frames;
 mod identify;
 mod spin;

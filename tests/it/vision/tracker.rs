@@ -67,7 +67,7 @@ fn it_knows_the_orientation_and_the_spin_now() {
             spins += 1;
             let covariance = fit.spin_covariance.expect("a covariance");
             assert!(covariance.cholesky().is_some());
-            // The first fits are of three frames.
+            // The first fits are of two frames and three.
             let off = (fit.motion.spin - SPIN).norm();
             assert!(
                 off < if spins > 4 { 10.0 } else { 25.0 },
@@ -86,6 +86,45 @@ fn it_knows_the_orientation_and_the_spin_now() {
     let off = tracker.state().spin.as_ref().unwrap().motion.spin - SPIN;
     assert!(off.norm() < 5.0, "{off}");
     assert_eq!(tracker.inlier_probabilities().len(), 12);
+}
+
+#[test]
+fn two_frames_that_follow_each_other_have_a_spin_with_its_covariance() {
+    let clip = clip(5);
+    let mut tracker = tracker(&clip.pattern, TrackerConfig::default());
+    let mut update = |k: usize| {
+        let (image, time_s) = &clip.frames[k];
+        *tracker.update(image, *time_s, None).unwrap().spin
+    };
+    assert!(update(0).is_err());
+    let fit = update(1).expect("a spin of two");
+    assert_eq!(fit.inliers, 2);
+    let off = fit.motion.spin - SPIN;
+    let covariance = fit.spin_covariance.expect("a covariance");
+    let distance2 = off.dot(&covariance.cholesky().unwrap().solve(&off));
+    // 99.9 % of chi-squared with three degrees of freedom lie below.
+    assert!(distance2 < 16.27, "{off} {distance2}");
+    assert!(covariance.trace().sqrt() < 0.2 * SPIN.norm());
+    assert!(update(2).expect("a spin of three").inliers == 3);
+    // A frame lies between them: nothing says how often the ball turned.
+    tracker.reset();
+    let (image, time_s) = &clip.frames[0];
+    tracker.update(image, *time_s, None).unwrap();
+    let empty = RgbImage::new(
+        image.width(),
+        image.height(),
+        vec![[0.5; 3]; image.width() * image.height()],
+    );
+    tracker
+        .update(&empty.unwrap(), clip.frames[1].1, None)
+        .unwrap();
+    let (image, time_s) = &clip.frames[2];
+    let state = tracker.update(image, *time_s, None).unwrap();
+    assert!(state.frame.pose().is_some());
+    assert!(matches!(
+        state.spin,
+        Err(SpinRejection::TooFewFrames { found: 2, .. })
+    ));
 }
 
 #[test]

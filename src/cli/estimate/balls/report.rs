@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 
+use crate::cli::estimate::format::Format;
 #[cfg(feature = "plot")]
 use crate::cli::estimate::overlay;
 use crate::cli::estimate::verdict::VerdictWords;
@@ -240,8 +241,19 @@ impl<'a> Report<'a> {
         (self.identified() == 0).then(|| verdict.rejection().unwrap_or_else(none))
     }
 
+    /// The rows as they are asked for: orientations, or a line for each shot.
+    pub fn rows(&self) -> String {
+        if !self.asked.is_as(Format::Gspro) {
+            return self.to_csv();
+        }
+        let shots = (1..).zip(&self.strobes);
+        let shots =
+            shots.filter_map(|(number, (found, _))| shot_line(number, found, self.shown_in));
+        shots.map(|line| line + "\n").collect()
+    }
+
     /// The file of orientations with the columns ball, of several tables table, and of flashes flash.
-    pub fn to_csv(&self) -> String {
+    fn to_csv(&self) -> String {
         let rows = self.rows.iter().flatten().map(|r| r.row.clone());
         let file = Orientations {
             rows: rows.collect(),
@@ -410,6 +422,16 @@ impl<'a> Report<'a> {
         };
         format!("flight {flight}, {seen}: {spin}")
     }
+}
+
+/// The shot of an exposure with this number, by its likeliest hypothesis.
+pub(in crate::cli) fn shot_line(
+    number: u64,
+    found: &[StrobeHypothesis],
+    shown_in: CameraFrame,
+) -> Option<String> {
+    let shot = found.first()?.shot(number, shown_in)?;
+    Some(json!(shot).to_string())
 }
 
 fn table_name(asked: &Asked, table: usize) -> String {

@@ -1,0 +1,69 @@
+//! Orientations as FicTrac's rows.
+
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use spindoe::spin::fictrac::{self, COLUMNS, FicTracConfig, NAMES};
+use spindoe::spin::orientations::{OrientationRow, Orientations};
+
+use crate::arrays::{Numbers, require_shape, rotation};
+use crate::errors::{OrRaise, value_error};
+use crate::spin::covariance;
+
+/// The rows of FicTrac for orientations in `frame`: their columns' names, their numbers (rows, 25), and the file's text.
+#[pyfunction]
+#[pyo3(signature = (times_s, quaternions, covariances, frame, c2a_r, max_bad_frames))]
+pub fn fictrac_rows<'py>(
+    py: Python<'py>,
+    times_s: Numbers<'py>,
+    quaternions: PyReadonlyArrayDyn<'py, f64>,
+    covariances: Option<Numbers<'py>>,
+    frame: &str,
+    c2a_r: Option<[f64; 3]>,
+    max_bad_frames: Option<u64>,
+) -> PyResult<(Vec<&'static str>, Bound<'py, PyArray2<f64>>, String)> {
+    require_shape("times_s", &times_s, &[None])?;
+    let count = times_s.shape()[0];
+    if quaternions.shape() != [count, 4] {
+        let problem = format!(
+            "expected shape ({count}, 4), found {:?}",
+            quaternions.shape()
+        );
+        return Err(value_error("quaternions", problem));
+    }
+    if let Some(covariances) = &covariances {
+        let shape = [Some(count), Some(3), Some(3)];
+        require_shape("covariances_rad2", covariances, &shape)?;
+    }
+    let mut config = FicTracConfig {
+        max_bad_frames,
+        ..FicTracConfig::default()
+    };
+    if let Some(c2a_r) = c2a_r {
+        config = config.with_c2a_r(c2a_r).or_raise()?;
+    }
+    let mut file = Orientations {
+        camera_frame: Some(frame.parse().or_raise()?),
+        ..Orientations::default()
+    };
+    let covariances = covariances.as_ref().map(|c| c.as_array());
+    let (times, rows) = (times_s.as_array(), quaternions.as_array());
+    for i in 0..count {
+        let mut row = OrientationRow {
+            time_s: times[i],
+            ..OrientationRow::default()
+        };
+        let wxyz = [0, 1, 2, 3].map(|k| rows[[i, k]]);
+        if !wxyz.iter().all(|x| x.is_nan()) {
+            row.orientation = Some(rotation(&format!("quaternions: row {i}"), wxyz)?);
+            row.covariance = covariances.as_ref().map(|c| covariance(c, i)).transpose()?;
+        }
+        file.rows.push(row);
+    }
+    let rows = fictrac::rows(&file, config).or_raise()?;
+    let text: String = rows.iter().map(|row| format!("{row}\n")).collect();
+    let values: Vec<f64> = rows.iter().flat_map(|row| row.values()).collect();
+    let table = Array2::from_shape_vec((rows.len(), COLUMNS), values);
+    let table = table.map_err(|e| value_error("rows", e.to_string()))?;
+    Ok((NAMES.to_vec(), table.into_pyarray(py), text))
+}
