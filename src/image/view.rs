@@ -159,3 +159,42 @@ impl<'a> From<&'a RgbImage> for ImageView<'a> {
         Self::Color(image)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whatever the samples are, a value is the mean of the colors of four pixels.
+    #[test]
+    fn shrunk_colors_are_means() {
+        let (width, height) = (6, 4);
+        let bytes: Vec<u8> = (0..3 * width * height)
+            .map(|k| (k * 37 % 256) as u8)
+            .collect();
+        let words: Vec<u16> = bytes.iter().map(|b| 257 * u16::from(*b)).collect();
+        let part = Roi {
+            left: 1,
+            top: 1,
+            width: 4,
+            height: 2,
+        };
+        for pixel in [RawPixel::Rgb, RawPixel::Bgr] {
+            let eight = RawImage::new(width, height, pixel, &bytes).expect("an image");
+            let sixteen = RawImage::new(width, height, pixel, &words).expect("an image");
+            let color = eight.to_rgb();
+            for view in [eight.into(), sixteen.into(), ImageView::Color(&color)] {
+                let (mut gray, mut shrunk) = (GrayImage::default(), RgbImage::default());
+                let view: ImageView<'_> = view;
+                view.shrunk(&part, 1, &mut gray, &mut shrunk);
+                assert_eq!((shrunk.width(), shrunk.height()), (2, 1));
+                for (u, found) in shrunk.row(0, 0, 2).iter().enumerate() {
+                    let near = [0, 1, 2, 3].map(|k| color.row(1 + k / 2, 1 + 2 * u + k % 2, 1)[0]);
+                    for c in 0..3 {
+                        let mean = near.iter().map(|color| color[c]).sum::<f32>() / 4.0;
+                        assert!((found[c] - mean).abs() < 1e-6, "{} for {mean}", found[c]);
+                    }
+                }
+            }
+        }
+    }
+}

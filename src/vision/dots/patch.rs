@@ -18,6 +18,8 @@ pub const RADIUS: f64 = 28.0;
 pub const RIM: f64 = 1.1;
 /// Samples a side of a value's square, at most: of a ball of 3 584 pixels every one is read.
 const MAX_FINE: usize = 64;
+/// Capacity for as many beforehand: for balls of up to 448 pixels.
+const EXPECTED_FINE: usize = 8;
 /// Minimum standard deviation over the ball: a plain ball's noise is not blown up beyond that.
 const MIN_SPREAD: f32 = 0.01;
 
@@ -79,7 +81,7 @@ struct Between {
 }
 
 /// The samples of values along a side of a patch.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 struct Side {
     places: Vec<Between>,
     /// Samples of a value.
@@ -88,6 +90,17 @@ struct Side {
     count: usize,
     /// Which of the values have their middle within the image.
     inside: Vec<bool>,
+}
+
+impl Default for Side {
+    fn default() -> Self {
+        Self {
+            places: Vec::with_capacity(SIZE * EXPECTED_FINE),
+            fine: 1,
+            count: 0,
+            inside: Vec::with_capacity(SIZE),
+        }
+    }
 }
 
 impl Side {
@@ -103,8 +116,6 @@ impl Side {
             Between { at: first, beyond }
         };
         self.places.clear();
-        // For the largest ball of such an image.
-        self.places.reserve(SIZE * count.div_ceil(RADIUS as usize));
         self.places.extend((0..SIZE * fine).map(place));
         let ends = -0.5..=count as f64 - 0.5;
         let is_inside = |k: usize| ends.contains(&(center + step * (k as f64 - MIDDLE)));
@@ -146,7 +157,7 @@ impl Patch {
             levels: [0.0, 1.0],
             columns: Side::default(),
             rows: Side::default(),
-            summed: Vec::new(),
+            summed: Vec::with_capacity(SIZE * EXPECTED_FINE),
         }
     }
 
@@ -174,8 +185,6 @@ impl Patch {
         self.rows.look(circle.center.v, step, fine, image.height());
         let (columns, rows) = (&self.columns, &self.rows);
         let (first, width) = columns.range();
-        // Of a larger ball in a later image, too.
-        self.summed.reserve(image.width());
         let weight = 1.0 / (fine * fine) as f32;
         let (mut sum, mut squares, mut count) = (0f64, 0f64, 0f64);
         for (row, values) in self.values.chunks_exact_mut(SIZE).enumerate() {

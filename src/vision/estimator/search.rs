@@ -17,7 +17,7 @@ use crate::vision::optics::camera::BallCircle;
 use crate::vision::optics::crop::Crop;
 use crate::vision::outline::circle::NoBall;
 use crate::vision::outline::locate::{Candidate, Shape};
-use crate::vision::outline::place::Place;
+use crate::vision::outline::place::{FOR_DOTS, Place};
 use crate::vision::pose::identify::{CLEAR, Detections, PROMISING};
 
 /// Minimum number of such dots in the pose of an outline that is not whole enough for a ball.
@@ -151,7 +151,7 @@ impl Estimator {
             matches!(place, Place::Known(_))
                 || part.width.min(part.height) >> level >= self.min_side()
         };
-        let Some((part, level)) = place.part(&image).filter(is_wide) else {
+        let Some((part, level)) = place.part(&image, FOR_DOTS).filter(is_wide) else {
             let (width, height) = (image.width(), image.height());
             out.outcome = Err(FrameRejection::NoBall(NoBall::TooSmall { width, height }));
             return;

@@ -28,7 +28,7 @@ use crate::vision::optics::intrinsics::Intrinsics;
 use crate::vision::outline::circle::{BallFinder, BallFit, CircleConfig, NoBall};
 use crate::vision::outline::locate::{Candidate, Locator};
 use crate::vision::outline::net::OutlineNet;
-use crate::vision::outline::place::Place;
+use crate::vision::outline::place::{FOR_OUTLINE, Place};
 use crate::vision::outline::recenter::Recentering;
 use crate::vision::outline::rim::{RimFit, RimFitter};
 
@@ -196,7 +196,7 @@ impl OutlineFinder {
         let mut best: Option<f64> = None;
         let mut why = NoBall::NoCircle { support: 0.0 };
         for place in places {
-            let Some((part, level)) = place.part(&image) else {
+            let Some((part, level)) = place.part(&image, FOR_OUTLINE) else {
                 continue;
             };
             let mut images = std::mem::take(&mut ws.images);

@@ -6,8 +6,11 @@ use crate::vision::optics::camera::BallCircle;
 
 /// What is cut out around a circle, in radii: what the net for outlines sees, and a rough circle's error.
 pub(crate) const SURROUNDINGS: f64 = 1.8;
-/// Larger balls, radii in pixels, are looked at at a smaller scale: it has all that the detectors and the fit of the outline see.
-const MAX_NEAR: f64 = 60.0;
+/// Balls of larger radii, pixels, are looked at at a smaller scale: of no pixel's more than the detectors, 28 values a radius, and the fit of
+/// circles, up to 44, make use. The image's own pixels are read last, about a pose.
+pub(crate) const FOR_DOTS: f64 = 60.0;
+/// The same where the outline is all that is looked for: its rim is read there.
+pub(crate) const FOR_OUTLINE: f64 = 250.0;
 
 /// Where an outline is looked for, in the frame's pixels.
 #[derive(Debug, Clone, Copy)]
@@ -21,8 +24,9 @@ pub(crate) enum Place {
 }
 
 impl Place {
-    /// The part of the image that is converted, and how often it is halved; `None` where nothing of it can be seen.
-    pub fn part(&self, image: &ImageView<'_>) -> Option<(Roi, u32)> {
+    /// The part of the image that is converted, and how often it is halved, until the radius of a ball is no more than `most`;
+    /// `None` where nothing of it can be seen.
+    pub fn part(&self, image: &ImageView<'_>, most: f64) -> Option<(Roi, u32)> {
         let (width, height) = (image.width(), image.height());
         match self {
             Self::Known(outline) => {
@@ -30,8 +34,10 @@ impl Place {
                 Some((part.unwrap_or(Roi::whole(width, height)), 0))
             }
             Self::Near(circle) => {
-                let level = level_of(circle.radius, MAX_NEAR);
-                Some((circle.region(SURROUNDINGS, width, height)?, level))
+                let level = level_of(circle.radius, most);
+                let part = circle.region(SURROUNDINGS, width, height)?;
+                let is_seen = part.width.min(part.height) >> level > 0;
+                is_seen.then_some((part, level))
             }
             Self::Within(part) => Some((*part, 0)),
         }

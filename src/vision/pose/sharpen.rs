@@ -21,7 +21,7 @@ use crate::vision::optics::ball_pixels::BallPixels;
 use crate::vision::optics::camera::{BallView, Camera, Pixel};
 use crate::vision::optics::crop::Images;
 use crate::vision::optics::grid::Grid;
-use crate::vision::outline::place::Place;
+use crate::vision::outline::place::{FOR_OUTLINE, Place};
 
 /// What is read of the image, outline radii.
 const REACH: f64 = 1.25;
@@ -90,7 +90,7 @@ impl Estimator {
         let pixels = pixels_about(image, &view, &mut ws.images)?;
         let shape = match out.fit {
             Some(fit) => {
-                let (_, level) = Place::Near(outline.circle).part(&image)?;
+                let (_, level) = Place::Near(outline.circle).part(&image, FOR_OUTLINE)?;
                 CapShape::of_edge(fit.edge_width, Grid::halved(level).side)
             }
             None => CapShape::first(0.0, &view),

@@ -78,7 +78,7 @@ fn frames_of_16_pixels_help_each_other() {
         ..ClipConfig::default()
     };
     let (mut before, mut right, mut wrong, count) = (0, 0, 0, 10);
-    for seed in 0..3 {
+    for seed in 0..6 {
         let config = config(16.0, SynthKind::Dotted);
         let pattern = estimator.pattern();
         let sequence =
@@ -103,9 +103,10 @@ fn frames_of_16_pixels_help_each_other() {
             }
         }
     }
+    // 69 % and 85 % of 720 others are right (docs/measurements/detector.md); frames of a clip are not independent.
     assert!(
-        right >= before && right >= 26,
-        "{before}, then {right} of 30"
+        right >= before + 3 && right >= 43,
+        "{before}, then {right} of 60"
     );
     assert!(wrong <= 1, "{wrong} wrong");
 }

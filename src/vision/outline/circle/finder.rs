@@ -219,9 +219,6 @@ impl BallFinder {
                 if fit.visible >= self.config.min_visible {
                     self.remember(fit);
                 }
-                if fit.support.min(fit.visible) >= WHOLE && self.is_ball(&fit) {
-                    break;
-                }
             }
         }
         best

@@ -237,3 +237,44 @@ impl Unrolled {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A disc with a soft edge, seen whole and cut by the border.
+    #[test]
+    fn edges_lie_on_a_disc_as_far_as_the_image_reaches() {
+        let (u, v, radius) = (40.3, 37.8, 21.4);
+        let disc = |du: usize, width: usize| {
+            GrayImage::from_fn(width, 80, |column, row| {
+                let out = ((column + du) as f64 - u).hypot(row as f64 - v) - radius;
+                (0.5 - 0.4 * out).clamp(0.1, 0.9) as f32
+            })
+        };
+        let mut unrolled = Unrolled::default();
+        let mut edges = |image: &GrayImage, du: f64| {
+            let center = Vector3::new(u - du, v, 0.0);
+            unrolled.find_edges(image, &center, (14.0, 28.0), 1.0);
+            unrolled.edges.map(|of_ray| of_ray[0])
+        };
+        let whole = edges(&disc(0, 82), 0.0);
+        for edge in &whole {
+            assert!(
+                (edge.radius - radius).abs() < 0.05 && edge.slope > 0.2,
+                "{edge:?}"
+            );
+        }
+        // The left 30 columns are missing: the disc's left edge is at 19.
+        let cut = edges(&disc(30, 52), 30.0);
+        let seen = |edge: &&Edge| edge.slope > 0.0;
+        let count = cut.iter().filter(seen).count();
+        assert!(count > RAYS / 2 && count < RAYS - 10, "{count}");
+        for (edge, other) in cut.iter().zip(&whole).filter(|(edge, _)| seen(edge)) {
+            assert!(
+                (edge.radius - other.radius).abs() < 1e-3,
+                "{edge:?} {other:?}"
+            );
+        }
+    }
+}
