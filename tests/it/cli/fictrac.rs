@@ -127,6 +127,8 @@ fn a_painted_balls_path_and_what_is_refused() {
             &known,
             "--as",
             "fictrac",
+            "--config",
+            "max_bad_frames=-1",
         ],
     );
     let rows = rows(&painted);
@@ -149,6 +151,8 @@ fn a_painted_balls_path_and_what_is_refused() {
             "expected only with --as fictrac",
         ),
         (&["--as", "fictrac", "--frame", "camera"], "--frame"),
+        (&["--as", "fictrac", "--json"], "--json"),
+        (&["--as", "fictrac", "--config", "max_bad_frames=-2"], "-2"),
     ] {
         refused(dir.path(), &[&base[..], args].concat(), 2, words);
     }
@@ -167,6 +171,21 @@ fn a_painted_balls_path_and_what_is_refused() {
     let untimed = [
         "estimate", "--table", "dots20", "untimed", "--as", "fictrac", "-o", "no.dat",
     ];
-    refused(dir.path(), &untimed, 2, "expected a time");
-    assert!(!dir.path().join("no.dat").exists());
+    let written: [&[&str]; 3] = [
+        &["--report", "page.html"],
+        &["--overlay", "drawn"],
+        &["--painted", "--write-surface", "ball.npz"],
+    ];
+    for more in written {
+        // A painted ball has no table.
+        let of = if more[0] == "--painted" {
+            &untimed[3..]
+        } else {
+            &untimed[1..]
+        };
+        refused(dir.path(), &[&untimed[..1], of, more].concat(), 2, "--fps");
+        for none in ["no.dat", *more.last().unwrap()] {
+            assert!(!dir.path().join(none).exists(), "{none}");
+        }
+    }
 }
