@@ -104,8 +104,10 @@ fn a_rigs_clip_becomes_fictracs_file() {
     assert_eq!(lines.len(), 9);
     for (line, row) in lines.iter().zip(&rows) {
         assert_eq!(line[0], row[0]);
+        // The shorter a step, the less its direction is known.
+        let weight = |k: usize| if k == 17 { row[18] } else { 1.0 };
         assert!(
-            (0..21).all(|k| (line[k] - row[k]).abs() < 0.02),
+            (0..21).all(|k| (line[k] - row[k]).abs() * weight(k) < 0.02),
             "{line:?} {row:?}"
         );
         // A stream's frames are taken now.
