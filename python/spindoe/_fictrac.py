@@ -61,7 +61,7 @@ def fictrac(
         frame: The frame of the orientations.
         c2a_r: FicTrac's camera-to-lab rotation: the rotation vector, radians, that turns camera axes (x right, y down, z forward) into
             the animal's (x front, y right, z down). By default that of a level camera behind the animal.
-        max_bad_frames: After more frames without an orientation the path begins anew; by default never.
+        max_bad_frames: After more frames without an orientation the path begins anew; None or -1 is never.
 
     Raises:
         ValueError: For times that are missing or do not increase, and arrays of other shapes.

@@ -48,13 +48,14 @@ def write(
         fps: Frames a second, instead of the videos' or names' own times.
         frame: Axes of positions, orientations and spins.
         max_rps: Largest spin considered, revolutions per second.
-        overwrite: Whether a data set in the folder is replaced.
+        overwrite: Whether a data set in the folder is replaced: the files that its ``dataset.json`` lists.
 
     Returns:
-        What ``dataset.json`` says: tables, camera, clips, and of each flight times, spin with its covariance, bounce.
+        What ``dataset.json`` says: tables, intrinsics, clips, and of each flight times, spin with its covariance, bounce.
 
     Raises:
-        ValueError: For clips that cannot be read or have no times, a camera without intrinsics, and a folder that holds a data set.
+        ValueError: For clips that cannot be read or have no times, a camera without intrinsics, a rate that is not positive, a folder
+            that holds a data set or other files in its places, and one that is a clip.
     """
     several = [estimators] if isinstance(estimators, Estimator) else list(estimators)
     listed = [clips] if isinstance(clips, (str, Path)) or hasattr(clips, "__fspath__") else list(clips)

@@ -50,7 +50,7 @@ class Health:
         self._begin()
 
     def _begin(self) -> None:
-        self._images = self._balls = self._poses = self._spins = 0
+        self._images = self._balls = self._poses = self._spins = self._unchecked = 0
         self._new_ns: list[int] = []
         self._seconds: list[float] = []
         self._ages_s: list[float] = []
@@ -74,6 +74,8 @@ class Health:
         self._balls += answer.frame.circle is not None
         self._poses += bool(answer.pose)
         self._spins += bool(answer.spin)
+        # The slowest spin that leads from one pose to another: no third one checks it.
+        self._unchecked += bool(answer.spin and answer.spin.inliers < 3)
         self._seconds.append(seconds)
         self._ages_s.append(age_s)
         if not answer.pose:
@@ -113,6 +115,7 @@ class Health:
             "answered": str(self._poses),
             "answered share": f"{self._poses / self._balls:.3f}" if self._balls else "",
             "spins": str(self._spins),
+            "spins of two images": str(self._unchecked),
             "unreadable images": str(sum(self._unreadable.values())),
             "missed frames": "" if missed is None else str(missed),
             "processing ms": f"{1e3 * median(self._seconds):.1f}" if self._seconds else "",

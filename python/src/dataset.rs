@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use spindoe::clip::{BatchConfig, FrameClock};
-use spindoe::dataset::{self, DatasetConfig, FILES, Record};
-use spindoe::files::Replacement;
+use spindoe::dataset::{self, DatasetConfig, Destination, Record};
 use spindoe::geometry::CameraFrame;
 
 use crate::errors::{OrRaise, value_error};
@@ -28,15 +27,14 @@ pub fn write_dataset(
     max_rps: f64,
     overwrite: bool,
 ) -> PyResult<String> {
-    let axes: CameraFrame = frame.parse().or_raise()?;
-    if axes.is_view() {
+    let axes = frame.parse::<CameraFrame>();
+    let Some(axes) = axes.ok().filter(|axes| !axes.is_view()) else {
         let problem = format!("expected camera or optical, found {frame:?}");
         return Err(value_error("frame", problem));
-    }
-    let taken = FILES.iter().find(|name| output.join(name).exists());
-    if let Some(name) = taken.filter(|_| !overwrite) {
-        let problem = format!("{} holds a data set already ({name})", output.display());
-        return Err(value_error("output", problem));
+    };
+    if let Some(fps) = fps.filter(|fps| !(*fps > 0.0 && fps.is_finite())) {
+        let problem = format!("expected a positive number, found {fps}");
+        return Err(value_error("fps", problem));
     }
     let estimators: Vec<spindoe::Estimator> =
         estimators.iter().map(|e| e.library().clone()).collect();
@@ -52,14 +50,14 @@ pub fn write_dataset(
     config.batch.sequence.spin.max_rps = max_rps;
     let record = abandonable(py, move |stop| {
         (config.batch.budget.stop, config.batch.sequence.stop) = (Some(stop), Some(stop));
-        let set = Replacement::begin(&output)?;
+        let to = Destination::begin(&output, &clips, overwrite)?;
         let read = |path: &PathBuf| dataset::read_clip(&estimators, path, &config, &());
         let clips = clips
             .iter()
             .map(read)
             .collect::<spindoe::Result<Vec<_>>>()?;
         let record = Record::new(&names, &estimators, &config, &clips);
-        dataset::write(set, &output, &clips, &record)?;
+        dataset::write(to, &clips, &record)?;
         Ok::<_, spindoe::Error>(record)
     })?;
     to_json(&record.or_raise()?)

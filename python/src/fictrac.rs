@@ -3,6 +3,7 @@
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use spindoe::geometry::CameraFrame;
 use spindoe::spin::fictrac::{self, COLUMNS, FicTracConfig, NAMES};
 use spindoe::spin::orientations::{OrientationRow, Orientations};
 
@@ -20,7 +21,7 @@ pub fn fictrac_rows<'py>(
     covariances: Option<Numbers<'py>>,
     frame: &str,
     c2a_r: Option<[f64; 3]>,
-    max_bad_frames: Option<u64>,
+    max_bad_frames: Option<i64>,
 ) -> PyResult<(Vec<&'static str>, Bound<'py, PyArray2<f64>>, String)> {
     require_shape("times_s", &times_s, &[None])?;
     let count = times_s.shape()[0];
@@ -29,21 +30,30 @@ pub fn fictrac_rows<'py>(
             "expected shape ({count}, 4), found {:?}",
             quaternions.shape()
         );
-        return Err(value_error("quaternions", problem));
+        return Err(value_error("quaternions_wxyz", problem));
     }
     if let Some(covariances) = &covariances {
         let shape = [Some(count), Some(3), Some(3)];
         require_shape("covariances_rad2", covariances, &shape)?;
     }
+    if let Some(found) = max_bad_frames.filter(|n| *n < -1) {
+        let problem = format!("expected a number, or -1 for never, found {found}");
+        return Err(value_error("max_bad_frames", problem));
+    }
+    let frames: CameraFrame = frame.parse().map_err(|_| {
+        let names = CameraFrame::ALL.map(CameraFrame::as_str).join(", ");
+        value_error("frame", format!("expected one of {names}, found {frame:?}"))
+    })?;
     let mut config = FicTracConfig {
-        max_bad_frames,
+        // -1 is never.
+        max_bad_frames: max_bad_frames.and_then(|n| n.try_into().ok()),
         ..FicTracConfig::default()
     };
     if let Some(c2a_r) = c2a_r {
         config = config.with_c2a_r(c2a_r).or_raise()?;
     }
     let mut file = Orientations {
-        camera_frame: Some(frame.parse().or_raise()?),
+        camera_frame: Some(frames),
         ..Orientations::default()
     };
     let covariances = covariances.as_ref().map(|c| c.as_array());
@@ -55,7 +65,7 @@ pub fn fictrac_rows<'py>(
         };
         let wxyz = [0, 1, 2, 3].map(|k| rows[[i, k]]);
         if !wxyz.iter().all(|x| x.is_nan()) {
-            row.orientation = Some(rotation(&format!("quaternions: row {i}"), wxyz)?);
+            row.orientation = Some(rotation(&format!("quaternions_wxyz: row {i}"), wxyz)?);
             row.covariance = covariances.as_ref().map(|c| covariance(c, i)).transpose()?;
         }
         file.rows.push(row);

@@ -57,6 +57,11 @@ def test_fictracs_path_is_that_of_the_walk(tmp_path):
     assert list(frame.columns) == list(found.names)
     with pytest.raises(ValueError, match="time"):
         spindoe.fictrac([0.0, 0.0], [[1, 0, 0, 0]] * 2)
+    still = [[1.0, 0, 0, 0]] * 2
+    assert len(spindoe.fictrac([0.0, 1.0], still, max_bad_frames=-1)) == 2
+    for words, wrong in [("quaternions_wxyz", {"quaternions_wxyz": still[:1]}), ("^frame", {"frame": "lab"}), ("max_bad_frames", {"max_bad_frames": -2})]:
+        with pytest.raises(ValueError, match=words):
+            spindoe.fictrac(**{"times_s": [0.0, 1.0], "quaternions_wxyz": still, **wrong})
 
 
 def test_an_independent_reader_reads_fictracs_file(tmp_path):
@@ -120,6 +125,13 @@ def test_a_data_set_in_python_is_that_of_the_command(tmp_path, clip):
         assert (tmp_path / "own" / name).read_bytes() == (tmp_path / "command" / name).read_bytes()
     with pytest.raises(ValueError, match="holds a data set already"):
         spindoe.dataset.write(folder / "a/images", estimator, tmp_path / "own")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/2024.csv").write_text("mine")
+    with pytest.raises(ValueError, match=r"2024\.csv"):
+        spindoe.dataset.write(folder / "a/images", estimator, tmp_path / "mine", overwrite=True)
+    for fps in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="fps"):
+            spindoe.dataset.write(folder / "a/images", estimator, tmp_path / "none", fps=fps)
     with pytest.raises(ValueError, match="intrinsics"):
         spindoe.dataset.write(folder / "a/images", spindoe.Estimator("dots20"), tmp_path / "none")
     (tmp_path / "dataset.json").write_text("{}")

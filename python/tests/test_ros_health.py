@@ -13,7 +13,7 @@ FPS = 60
 
 def answer(ns):
     stamp = SimpleNamespace(sec=ns // 10**9, nanosec=ns % 10**9)
-    found = SimpleNamespace(reason="")
+    found = SimpleNamespace(reason="", inliers=5)
     return SimpleNamespace(
         frame_id="camera", frame=SimpleNamespace(circle=(9.0, 9.0, 5.0)), pose=found, spin=found, stamp=stamp
     )

@@ -546,7 +546,8 @@ def test_diagnostics(world, clip):
     posed, spins = (len(world.publisher(topic).sent) for topic in ("/ball/pose", "/ball/twist"))
     assert values == {
         "images": "10", "images with a ball": "10", "answered": str(posed), "answered share": f"{posed / 10:.3f}",
-        "spins": str(spins), "unreadable images": "0", "missed frames": "0", "processing ms": "2.0", "latency ms": "7.0",
+        "spins": str(spins), "spins of two images": "1", "unreadable images": "0", "missed frames": "0",
+        "processing ms": "2.0", "latency ms": "7.0",
         "largest latency ms": "7.0", "intrinsics": "known", "reason": values["reason"],
     }
     assert status.message == f"{posed} of 10 images with a ball are answered"

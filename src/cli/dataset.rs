@@ -9,9 +9,8 @@ use super::inputs::Counting;
 use super::output::one_of;
 use crate::ball::Ball;
 use crate::clip::BatchConfig;
-use crate::dataset::{self, BounceConfig, Clip, DatasetConfig, FILES, Record};
+use crate::dataset::{self, BounceConfig, Clip, DatasetConfig, Destination, Record};
 use crate::error::{Result, are, counted, require};
-use crate::files::{self, Replacement};
 use crate::geometry::CameraFrame;
 use crate::vision::{Estimator, EstimatorConfig};
 
@@ -34,7 +33,7 @@ pub struct Arguments {
     /// The folder to write.
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Replace the data set that the folder holds.
+    /// Replace the data set that the folder holds: the files that its dataset.json lists, and no others.
     #[arg(long)]
     overwrite: bool,
     /// The ball: a shipped pattern, a table, a pattern, or the folder of a design or calibration. Of several each clip has the one that
@@ -81,12 +80,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     source.settle_camera(&arguments.clips, None)?;
     let config = arguments.config()?;
     let estimators = arguments.estimators()?;
-    if !arguments.overwrite {
-        let advice = "choose another folder, or --overwrite it";
-        files::reject_taken(&arguments.output, &FILES, "a data set", advice)?;
-    }
     // What cannot be written is known before the work.
-    let set = Replacement::begin(&arguments.output)?;
+    let to = Destination::begin(&arguments.output, &arguments.clips, arguments.overwrite)?;
     let mut clips = Vec::with_capacity(arguments.clips.len());
     for path in &arguments.clips {
         let counting = Counting::new(std::slice::from_ref(path), ());
@@ -101,7 +96,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .map(|t| t.display().to_string())
         .collect();
     let record = Record::new(&names, &estimators, &config, &clips);
-    dataset::write(set, &arguments.output, &clips, &record)?;
+    dataset::write(to, &clips, &record)?;
     let flights = record.flights().count();
     let spun = record
         .flights()

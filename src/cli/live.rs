@@ -101,7 +101,7 @@ fn one_ball(arguments: &Arguments) -> Result<()> {
         tracker = tracker.within(roi);
     }
     let mut fictrac = asked.fictrac()?.map(FicTrac::new);
-    asked.say_format();
+    asked.say_format()?;
     let followed = each_frame(arguments, |image, number, time_s, arrived| {
         let rows = image.height();
         let state = tracker.update(image, time_s, outline.as_ref())?;
@@ -133,6 +133,7 @@ fn all_balls(
     let shown_in = asked.frame()?;
     let max_latency = max_latency(arguments.max_latency_ms)?;
     let region = asked.source.roi()?;
+    asked.say_format()?;
     let mut tracks = BallTracks::new(asked.spin());
     let mut ws = estimator.workspace()?;
     let camera = estimator.estimators().first().map(Estimator::camera);
@@ -183,11 +184,11 @@ fn all_balls(
         let shown = rows.iter_mut().map(|row| row.json.take());
         line["balls"] = shown.collect();
         line["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
-        let line = match asked.is_as(Format::Gspro) {
-            true => shot,
-            false => Some(line.to_string()),
-        };
-        Ok((is_identified, line))
+        // Where shots are asked for, an exposure without one is not answered.
+        Ok(match asked.is_as(Format::Gspro) {
+            true => (shot.is_some(), shot),
+            false => (is_identified, Some(line.to_string())),
+        })
     });
     say_camera(check.and_then(|mut c| c.end()).as_ref());
     followed

@@ -18,6 +18,7 @@ pub(crate) mod run;
 mod second;
 pub(crate) mod sequence;
 pub(crate) mod sequence_view;
+mod shot;
 pub(crate) mod smears;
 pub(crate) mod strobe;
 pub(crate) mod times;

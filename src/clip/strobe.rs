@@ -24,8 +24,7 @@ use super::orientations::NamedFrame;
 use crate::error::{Result, require};
 use crate::geometry::{CameraFrame, Vec3};
 use crate::spin::alias::{AliasConfig, Alternative, alternatives};
-use crate::spin::golf::{Flight, GolfSpin, SpinType};
-use crate::spin::golf_shot::{Launch, Shot};
+use crate::spin::golf::Flight;
 use crate::spin::orientations::Orientations;
 use crate::spin::pair::fit_pair;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
@@ -54,8 +53,6 @@ const WRONG_POSE: f64 = 0.01;
 const ANYWHERE: f64 = 50.0;
 /// Hypotheses below this probability are not listed.
 const LISTED: f64 = 0.01;
-/// A spin is measured where the order of its images has odds of 20 to 1, as elsewhere.
-const SURE: f64 = 20.0 / 21.0;
 /// ln of the density of a wrong orientation: uniform over all rotations, whose vectors fill 8 pi^2.
 const LN_UNIFORM: f64 = -4.368_9;
 
@@ -261,6 +258,7 @@ impl Strobe {
         let file = orientations(&named, frame, true);
         let measurements = file.measurements();
         let config = file.spin_config(self.spin);
+        let shared = config.shared.as_ref();
         let posed = file.rows.iter().filter(|r| r.orientation.is_some());
         let covariances: Vec<Matrix3<f64>> = posed
             .map(|r| {
@@ -275,7 +273,7 @@ impl Strobe {
         };
         let (spin, ln) = match (&measurements[..], &covariances[..]) {
             ([a, b], [c, d]) => {
-                let fit = fit_pair(&[*a, *b], &[*c, *d], self.spin.max_rps);
+                let fit = fit_pair(&[*a, *b], &[*c, *d], shared, self.spin.max_rps);
                 let ln = disagreeing(agreeing(&fit), 2);
                 (fit, ln)
             }
@@ -296,8 +294,8 @@ impl Strobe {
                     Err(_) => {
                         let [a, b] = best_known(covariances);
                         let pair = [several[a], several[b]];
-                        let fit =
-                            fit_pair(&pair, &[covariances[a], covariances[b]], self.spin.max_rps);
+                        let known = [covariances[a], covariances[b]];
+                        let fit = fit_pair(&pair, &known, shared, self.spin.max_rps);
                         (fit, disagreeing(2, several.len()))
                     }
                 }
@@ -467,39 +465,5 @@ impl StrobeHypothesis {
     /// The spin, frame of the orientations, rad/s.
     pub fn spin(&self) -> Option<Vec3> {
         self.spin.as_ref().ok().map(|(fit, _)| fit.motion.spin)
-    }
-
-    /// The spin in golf's words, where `frame` is that of the orientations.
-    pub fn golf(&self, frame: CameraFrame) -> Option<GolfSpin> {
-        let (fit, others) = self.spin.as_ref().ok()?;
-        let is_checked = fit.inliers >= MIN_FRAMES && others.is_empty();
-        let spin_type = match is_checked && self.probability >= SURE {
-            true => SpinType::Measured,
-            false => SpinType::Estimated,
-        };
-        // The turn between the axes is its own inverse.
-        let fit = fit.turned(&frame.turn());
-        let covariance = fit.spin_covariance.as_ref();
-        let spin = &fit.motion.spin;
-        Some(GolfSpin::new(spin, covariance, self.flight, spin_type))
-    }
-
-    /// The velocity with which the ball flies off, where `frame` is that of the orientations; `None` where its positions are not known.
-    pub fn launch(&self, frame: CameraFrame) -> Option<Launch> {
-        let rows = self.orientations.rows.iter();
-        let timed: Option<Vec<_>> = rows
-            .map(|row| Some((row.time_s, row.position?.turned(&frame.turn()))))
-            .collect();
-        Launch::through(&timed?)
-    }
-
-    /// The shot as simulators read it, where `frame` is that of the orientations; `None` without a spin.
-    pub fn shot(&self, number: u64, frame: CameraFrame) -> Option<Shot> {
-        Some(Shot {
-            number,
-            spin: self.golf(frame)?,
-            launch: self.launch(frame),
-            flight: self.flight,
-        })
     }
 }

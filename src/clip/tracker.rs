@@ -50,6 +50,10 @@ use crate::vision::outline::path::OutlineMotion;
 /// After so many frames without a pose the ball is looked for in the whole frame.
 const PATIENCE: usize = 3;
 
+/// Frames follow each other where they are less than so many of the shortest steps apart: halfway to the two of a dropped frame, and no
+/// stamp jitters by half a step.
+const ADJACENT: f64 = 1.5;
+
 /// What a tracker remembers, and how it uses it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackerConfig {
@@ -98,7 +102,8 @@ pub struct TrackerState<'a> {
     pub frame: &'a FrameEstimate,
     /// The spin by the window's poses, or why there is none: from the second of two frames on that follow each other, the slowest one that leads from
     /// pose to pose, which nothing checks yet ([`Fit::inliers`] is 2); without intrinsics in the view frame of the last of them. Its covariance counts the errors of
-    /// drawn dots that the poses share ([`SharedError`]).
+    /// drawn dots that the poses share, and the turn of the view frame ([`SharedError`]). Two frames follow each other where they are hardly farther
+    /// apart than any two so far: of the first two frames ever this is assumed, since their times do not say whether one between them was dropped.
     pub spin: &'a std::result::Result<Fit, SpinRejection>,
     /// What is wrong with the times of the window's frames, and mended for the spin.
     pub clock: &'a Clock,
@@ -108,8 +113,7 @@ pub struct TrackerState<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     measurement: Measurement,
-    /// The number of its frame, and the covariance of its orientation.
-    number: u64,
+    /// The covariance of its orientation.
     covariance: Matrix3<f64>,
     residual_rad: f64,
     /// From where, if the camera's intrinsics are unknown.
@@ -134,8 +138,8 @@ pub struct Tracker {
     missed: usize,
     spin: std::result::Result<Fit, SpinRejection>,
     last_s: Option<f64>,
-    /// Frames so far.
-    count: u64,
+    /// The shortest time between two frames so far, seconds.
+    shortest_s: f64,
 }
 
 impl Tracker {
@@ -158,7 +162,7 @@ impl Tracker {
             missed: 0,
             spin: Err(NOTHING_SEEN),
             last_s: None,
-            count: 0,
+            shortest_s: f64::INFINITY,
             roi: None,
             config,
         })
@@ -222,8 +226,9 @@ impl Tracker {
             .roi
             .unwrap_or(whole)
             .within(whole.width, whole.height)?;
-        self.last_s = Some(time_s);
-        self.count += 1;
+        if let Some(before) = self.last_s.replace(time_s) {
+            self.shortest_s = self.shortest_s.min(time_s - before);
+        }
         self.forget(time_s);
         self.find(image, &part, time_s, outline, begun);
         let trusted = self.trusted_pose(time_s);
@@ -318,7 +323,6 @@ impl Tracker {
                 confidence: pose.confidence,
                 ..Measurement::new(time_s, pose.rotation)
             },
-            number: self.count,
             covariance: pose.covariance,
             residual_rad: pose.residual_rad,
             from: self.frame.seen_from(),
@@ -342,23 +346,28 @@ impl Tracker {
         let shared = SharedError::of_residuals(self.window.iter().map(|s| s.residual_rad));
         let turns = self.window.iter();
         let turns = turns.filter_map(|seen| Some((seen.measurement.time_s, turn(seen)?)));
-        self.fitter
-            .set_shared(SharedError::with_turns(shared, turns));
+        let shared = SharedError::with_turns(shared, turns);
+        self.fitter.set_shared(shared);
         self.spin = match self.pair() {
-            Some((pair, covariances)) => {
+            Some(pair) => {
+                // Their own errors, in the frame that both are turned into.
+                let own = [self.window[0], self.window[1]].map(|seen| {
+                    let turn = turn(&seen).unwrap_or_default().rotation();
+                    let matrix = *turn.to_rotation_matrix().matrix();
+                    matrix * seen.covariance * matrix.transpose()
+                });
                 let max_rps = self.config.sequence.spin.max_rps;
-                pair::slowest(&pair, &covariances, max_rps)
+                pair::slowest(&pair, &own, shared.as_ref(), max_rps)
             }
             None => self.fitter.fit(&self.turned),
         };
     }
 
-    /// The window's two poses with their covariances, if it has two, and no frame lies between them.
-    fn pair(&self) -> Option<([Measurement; 2], [Matrix3<f64>; 2])> {
+    /// The window's two poses, if it has two, and their frames follow each other.
+    fn pair(&self) -> Option<[Measurement; 2]> {
         let pair = <[Measurement; 2]>::try_from(&self.turned[..]).ok()?;
-        let [first, second] = [self.window.front()?, self.window.back()?];
-        let is_next = second.number == first.number + 1;
-        is_next.then_some((pair, [first.covariance, second.covariance]))
+        let step_s = pair[1].time_s - pair[0].time_s;
+        (step_s < ADJACENT * self.shortest_s).then_some(pair)
     }
 
     /// Drops poses and outlines that are too old.

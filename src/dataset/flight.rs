@@ -35,6 +35,8 @@ pub struct Flight {
     pub bounce: Option<Bounce>,
     /// Its spin, or why there is none.
     pub spin: std::result::Result<SpinEstimate, SpinRejection>,
+    /// How the spin was fitted.
+    pub config: SpinConfig,
 }
 
 /// What a clip shows.
@@ -132,12 +134,14 @@ pub fn flights(file: Orientations, spin: &SpinConfig, config: &BounceConfig) -> 
             camera_frame: file.camera_frame,
             ..Orientations::default()
         };
-        let spin = SpinEstimate::fit(
-            &file.measurements(),
-            MotionModel::Auto,
-            &file.spin_config(*spin),
-        );
-        Flight { file, bounce, spin }
+        let config = file.spin_config(*spin);
+        let spin = SpinEstimate::fit(&file.measurements(), MotionModel::Auto, &config);
+        Flight {
+            file,
+            bounce,
+            spin,
+            config,
+        }
     };
     let all = flights.into_iter().map(flight);
     all.filter(|flight| flight.points().next().is_some())

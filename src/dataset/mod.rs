@@ -23,7 +23,7 @@ mod plots;
 mod record;
 
 pub use bounce::{Bounce, BounceConfig, PathPoint, bounces};
-pub use files::{FILES, write};
+pub use files::{Destination, write};
 pub use flight::{Clip, DatasetConfig, Flight, flights, read_clip};
 pub use record::{
     BounceRecord, ClipRecord, FORMAT_VERSION, FlightRecord, Record, SpinRecord, TableRecord,

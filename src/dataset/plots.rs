@@ -10,7 +10,6 @@ use crate::error::Result;
 use crate::geometry::Vec3;
 use crate::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use crate::spin::estimate::SpinEstimate;
-use crate::spin::robust::SpinConfig;
 use crate::spin::windows::spin_over_time;
 use crate::spin::{Fit, MIN_FRAMES};
 
@@ -46,11 +45,11 @@ fn spin_plot(number: usize, flight: &Flight, spin: &SpinEstimate) -> ValuePlot {
             points: (0..=SECTIONS).map(at).collect(),
         }
     };
-    let config = flight.file.spin_config(SpinConfig::default());
+    let config = &flight.config;
     let measurements = flight.measurements();
     let length = (measurements.len() / RUNS).clamp(MIN_FRAMES, config.window);
     // A flight too short for a run has the fit alone.
-    let runs = spin_over_time(&measurements, length, &config).unwrap_or_default();
+    let runs = spin_over_time(&measurements, length, config).unwrap_or_default();
     let points: Vec<ValuePoint> = runs
         .iter()
         .map(|run| interval(run.time_s, run.fit.motion.rps(), half(&run.fit)))

@@ -10,6 +10,7 @@ use crate::geometry::CameraFrame;
 use crate::spin::estimate::{FittedMotion, SpinEstimate};
 use crate::vision::Estimator;
 use crate::vision::frame::config::CameraModel;
+use crate::vision::optics::camera::{Camera, Intrinsics};
 
 /// Version of the format.
 pub const FORMAT_VERSION: u32 = 1;
@@ -25,8 +26,8 @@ pub struct Record {
     pub camera_frame: CameraFrame,
     /// The balls' tables.
     pub tables: Vec<TableRecord>,
-    /// The camera.
-    pub camera: CameraModel,
+    /// The camera's intrinsics, as `truth.json` has them.
+    pub intrinsics: Option<Intrinsics>,
     /// In the order in which they were given.
     pub clips: Vec<ClipRecord>,
 }
@@ -147,7 +148,10 @@ impl Record {
             spindoe: env!("CARGO_PKG_VERSION"),
             camera_frame: config.axes,
             tables: tables.collect(),
-            camera: estimators.first().map(|e| *e.camera()).unwrap_or_default(),
+            intrinsics: estimators.first().and_then(|e| match e.camera() {
+                CameraModel::Known(Camera::Perspective(intrinsics)) => Some(*intrinsics),
+                _ => None,
+            }),
             clips: clips.collect(),
         }
     }

@@ -241,18 +241,23 @@ impl FicTrac {
     /// The next frames have no orientation: so many that were not recognized, or came too fast.
     pub fn miss(&mut self, frames: u64) {
         self.frame += frames;
-        self.sequence += frames;
-        self.bad += frames;
-        if self
-            .config
-            .max_bad_frames
-            .is_some_and(|most| self.bad > most)
-        {
-            *self = Self {
-                frame: self.frame,
-                motion: self.motion,
-                ..Self::new(self.config)
-            };
+        let bad = self.bad.saturating_add(frames);
+        match self.config.max_bad_frames {
+            // So many frames begin it anew, each time.
+            Some(most) if bad > most => {
+                let left = bad % most.saturating_add(1);
+                *self = Self {
+                    frame: self.frame,
+                    motion: self.motion,
+                    sequence: left,
+                    bad: left,
+                    ..Self::new(self.config)
+                };
+            }
+            _ => {
+                self.sequence += frames;
+                self.bad = bad;
+            }
         }
     }
 

@@ -79,7 +79,6 @@ impl Flight {
         }
     }
 
-    /// Up, camera frame.
     /// Up, camera frame: of the picture for who looks from the side, towards the camera for who looks from above.
     pub fn up(self) -> Vec3 {
         match self {

@@ -11,7 +11,6 @@
 //!
 //! [Open Connect V1]: https://gsprogolf.com/GSProConnectV1.html
 
-use nalgebra::Matrix3;
 use serde::Serialize;
 
 use super::golf::{Flight, GolfSpin, SpinType};
@@ -25,8 +24,6 @@ const MPH: f64 = 0.447_04;
 pub struct Launch {
     /// Velocity, camera frame, m/s.
     pub velocity_m_s: Vec3,
-    /// Its covariance, (m/s)^2.
-    pub covariance: Matrix3<f64>,
 }
 
 impl Launch {
@@ -40,10 +37,9 @@ impl Launch {
         }
         let weighed = timed
             .iter()
-            .map(|(time_s, p)| ((time_s - mean_s) / spread, p));
+            .map(|(time_s, p)| p.center_m * ((time_s - mean_s) / spread));
         Some(Self {
-            velocity_m_s: weighed.clone().map(|(w, p)| p.center_m * w).sum(),
-            covariance: weighed.map(|(w, p)| p.covariance * (w * w)).sum(),
+            velocity_m_s: weighed.sum(),
         })
     }
 }

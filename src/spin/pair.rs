@@ -8,6 +8,9 @@
 //! J^-1 (C2 + R C1 R^T) J^-T / T^2,   R = R2 R1^-1
 //! ```
 //!
+//! To it comes what the two share ([`SharedError`]): the error of drawn dots, which differs between the sides that they show by the variance
+//! `2 s^2 (1 - c_12)` about every axis and so adds that times `J^-1 J^-T / T^2`, and the turn of the view frame from one to the other.
+//!
 //! Guaranteed: all spins up to the limit that explain the orientations are listed, and none beyond it. Not guaranteed: that an
 //! orientation is right; nothing checks it.
 
@@ -17,11 +20,12 @@ use nalgebra::Matrix3;
 
 use super::alias::Alternative;
 use super::motion::ConstantSpin;
+use super::shared::SharedError;
 use super::{Fit, MAX_TURNS, Measurement, SpinRejection, check};
 use crate::geometry::Vec3;
 
 /// The slowest spin that leads from one orientation to the other, and the faster ones up to `max_rps`, slower first. `covariances` are
-/// those of the orientations, rad^2, in the same frame.
+/// those of the orientations, rad^2, in the same frame, without what `shared` says of both.
 ///
 /// # Errors
 /// A [`SpinRejection`] where the times do not increase or the measurements are out of their domain, where even the slowest spin is
@@ -29,9 +33,10 @@ use crate::geometry::Vec3;
 pub fn fit_pair(
     pair: &[Measurement; 2],
     covariances: &[Matrix3<f64>; 2],
+    shared: Option<&SharedError>,
     max_rps: f64,
 ) -> Result<(Fit, Vec<Alternative>), SpinRejection> {
-    let fit = slowest(pair, covariances, max_rps)?;
+    let fit = slowest(pair, covariances, shared, max_rps)?;
     let interval_s = pair[1].time_s - pair[0].time_s;
     let turn = fit.motion.spin * interval_s;
     let axis = turn.try_normalize(1e-12).unwrap_or(Vec3::x());
@@ -55,6 +60,7 @@ pub fn fit_pair(
 pub fn slowest(
     pair: &[Measurement; 2],
     covariances: &[Matrix3<f64>; 2],
+    shared: Option<&SharedError>,
     max_rps: f64,
 ) -> Result<Fit, SpinRejection> {
     check(pair, 2)?;
@@ -79,15 +85,21 @@ pub fn slowest(
         });
     }
     let matrix = *relative.to_rotation_matrix().matrix();
-    let both = covariances[1] + matrix * covariances[0] * matrix.transpose();
+    let own = covariances[1] + matrix * covariances[0] * matrix.transpose();
+    let drawn = shared.map_or(0.0, |shared| {
+        shared.variance_between(&first.orientation, &second.orientation)
+    });
+    let both = own + Matrix3::from_diagonal_element(drawn);
     let back = inverse_left_jacobian(&turn);
+    let of_poses = back * both * back.transpose() / (interval_s * interval_s);
+    let of_view = shared.map_or(Matrix3::zeros(), |shared| shared.turn_rate_covariance);
     Ok(Fit {
         motion: ConstantSpin {
             time_s: first.time_s,
             orientation: first.orientation,
             spin,
         },
-        spin_covariance: Some(back * both * back.transpose() / (interval_s * interval_s)),
+        spin_covariance: Some(of_poses + of_view),
         sigma_rad: Some((both.trace() / 6.0).sqrt()),
         log_likelihood: None,
         inliers: 2,
@@ -111,6 +123,7 @@ fn inverse_left_jacobian(turn: &Vec3) -> Matrix3<f64> {
 mod tests {
     use super::*;
     use crate::geometry::{Rotation, random_rotation};
+    use crate::spin::simulate::SharedField;
     use rand::{RngExt, SeedableRng};
     use rand_distr::StandardNormal;
 
@@ -133,7 +146,7 @@ mod tests {
         let count = 4_000;
         for _ in 0..count {
             let pair = noisy(&mut rng, sigma, &spin);
-            let (fit, _) = fit_pair(&pair, &covariances, 200.0).expect("a spin");
+            let (fit, _) = fit_pair(&pair, &covariances, None, 200.0).expect("a spin");
             let off = fit.motion.spin - spin;
             squares += off * off.transpose() / f64::from(count);
             stated += fit.spin_covariance.expect("a covariance") / f64::from(count);
@@ -144,12 +157,52 @@ mod tests {
         }
     }
 
+    /// Poses that are wrong by a drawn field of errors over the ball's sides, and by a view frame whose turn is wrong.
+    #[test]
+    fn the_covariance_has_what_two_poses_share() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
+        let sigma = 0.004;
+        let covariances = [Matrix3::identity() * (sigma * sigma); 2];
+        let view = Vec3::new(6.0, -4.0, 0.0);
+        let shared = SharedError {
+            turn_rate_covariance: view * view.transpose(),
+            ..SharedError::of_residuals([0.03].into_iter()).expect("a residual")
+        };
+        // From almost one side to sides that share little.
+        for rps in [20.0, 100.0, 250.0] {
+            let spin = Vec3::new(0.6, 0.64, -0.48) * (TAU * rps);
+            let (mut with, mut without) = (0.0, 0.0);
+            let count = 2_000;
+            for _ in 0..count {
+                let field = SharedField::random(&shared, &mut rng);
+                let mut pair = noisy(&mut rng, sigma, &spin);
+                let off = view * rng.sample::<f64, _>(StandardNormal);
+                for m in &mut pair {
+                    let side = m.orientation.inverse() * Vec3::z();
+                    let drawn = Rotation::from_scaled_axis(field.at(&side));
+                    let turn = Rotation::from_scaled_axis(off * m.time_s);
+                    m.orientation = turn * m.orientation * drawn;
+                }
+                let chi2 = |shared: Option<&SharedError>| {
+                    let fit = slowest(&pair, &covariances, shared, 600.0).expect("a spin");
+                    let off = fit.motion.spin - spin;
+                    let covariance = fit.spin_covariance.expect("a covariance");
+                    off.dot(&covariance.cholesky().expect("positive").solve(&off))
+                };
+                with += chi2(Some(&shared)) / (3.0 * f64::from(count));
+                without += chi2(None) / (3.0 * f64::from(count));
+            }
+            assert!((with - 1.0).abs() < 0.15, "{rps} rps: {with}");
+            assert!(without > 1.2, "{rps} rps: {without}");
+        }
+    }
+
     #[test]
     fn every_spin_that_leads_from_one_to_the_other_is_listed() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
         let spin = Vec3::new(0.0, 0.0, TAU * 900.0);
         let pair = noisy(&mut rng, 0.0, &spin);
-        let (fit, others) = fit_pair(&pair, &[Matrix3::zeros(); 2], 2_000.0).expect("a spin");
+        let (fit, others) = fit_pair(&pair, &[Matrix3::zeros(); 2], None, 2_000.0).expect("a spin");
         // 0.81 turns: the slowest is 0.19 turns the other way.
         let rps = |w: &Vec3| w.z / TAU;
         assert!((rps(&fit.motion.spin) + 0.19 / 0.9e-3).abs() < 1e-6);
@@ -166,7 +219,8 @@ mod tests {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
         // 0.36 turns in 0.9 ms: 400 rps.
         let pair = noisy(&mut rng, 0.0, &Vec3::new(0.0, TAU * 400.0, 0.0));
-        let fit = |pair: &[Measurement; 2], limit| fit_pair(pair, &[Matrix3::zeros(); 2], limit);
+        let fit =
+            |pair: &[Measurement; 2], limit| fit_pair(pair, &[Matrix3::zeros(); 2], None, limit);
         assert!(fit(&pair, 401.0).is_ok());
         let beyond = fit(&pair, 399.0);
         assert!(

@@ -87,6 +87,20 @@ impl SharedError {
     }
 }
 
+impl SharedError {
+    /// Variance about an axis of the difference between the errors of drawn dots in two orientations, rad^2.
+    pub(super) fn variance_between(&self, first: &Rotation, second: &Rotation) -> f64 {
+        let sides = [first, second].map(|orientation| orientation.inverse() * Vec3::z());
+        2.0 * self.sigma_rad.powi(2) * (1.0 - self.correlation(&sides[0], &sides[1]))
+    }
+
+    /// Correlation of the errors where the ball shows two sides, unit vectors.
+    fn correlation(&self, a: &Vec3, b: &Vec3) -> f64 {
+        let angle = a.dot(b).clamp(-1.0, 1.0).acos();
+        (-0.5 * (angle / self.correlation_rad).powi(2)).exp()
+    }
+}
+
 /// The turn from the view frame of one orientation to the view frame that all of a sequence are in, about x and y.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ViewTurn {
@@ -186,8 +200,7 @@ pub(super) fn shared_covariance<M: Motion<P>, const P: usize>(
     let mut meat = SMatrix::<f64, P, P>::zeros();
     for (i, a) in parts.iter().enumerate() {
         for (j, b) in parts[i..].iter().enumerate() {
-            let angle = a.side.dot(&b.side).clamp(-1.0, 1.0).acos();
-            let correlation = (-0.5 * (angle / shared.correlation_rad).powi(2)).exp();
+            let correlation = shared.correlation(&a.side, &b.side);
             let term = a.jacobian.tr_mul(&b.jacobian) * (a.weight * b.weight * correlation);
             meat += if j == 0 {
                 term

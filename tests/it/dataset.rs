@@ -287,6 +287,12 @@ fn clips_become_a_data_set_that_is_read_back() {
     assert_eq!(record["spindoe"], env!("CARGO_PKG_VERSION"));
     assert_eq!(record["camera_frame"], "camera");
     assert_eq!(record["tables"][0]["name"], "dots20");
+    for name in ["fx", "fy", "cx", "cy"] {
+        assert_eq!(
+            record["intrinsics"][name],
+            truth["frames"][0]["intrinsics"][name]
+        );
+    }
     let flight = &record["clips"][0]["flights"][0];
     let spin = set.trajectories[0].spin.unwrap();
     for k in 0..3 {
@@ -334,10 +340,18 @@ fn clips_become_a_data_set_that_is_read_back() {
         );
     }
     refused(dir.path(), &make, 2, "holds a data set already");
-    done(
-        dir.path(),
-        &[&make[..4], &["one/images", "-o", "set", "--overwrite"]].concat(),
-    );
+    let again = [&make[..4], &["one/images", "-o", "set", "--overwrite"]].concat();
+    // What is not the set's is neither removed nor taken for a part of it.
+    for own in ["2024.csv", "plots/mine.png", "orientations/my.csv"] {
+        let own = dir.path().join("set").join(own);
+        std::fs::write(&own, "mine").unwrap();
+        refused(dir.path(), &again, 2, "lists; move it");
+        assert_eq!(std::fs::read_to_string(&own).unwrap(), "mine");
+        std::fs::remove_file(own).unwrap();
+    }
+    std::fs::write(dir.path().join("set/notes.txt"), "mine").unwrap();
+    done(dir.path(), &again);
+    assert!(dir.path().join("set/notes.txt").exists());
     let set = TrajectorySet::read_dir(&dir.path().join("set")).unwrap();
     assert_eq!((set.trajectories.len(), set.without_file.len()), (1, 0));
     assert!(!dir.path().join("set/plots/001_spin.png").exists());
@@ -362,6 +376,24 @@ fn what_makes_no_data_set_is_refused_and_leaves_nothing() {
         "ball",
     );
     assert!(!dir.path().join("set").exists());
+    // Files of the user's in a set's places, with and without --overwrite; a folder that is a clip.
+    for own in ["2024.csv", "plots/mine.png", "orientations/my.csv"] {
+        let own = dir.path().join("own").join(own);
+        std::fs::create_dir_all(own.parent().unwrap()).unwrap();
+        std::fs::write(&own, "mine").unwrap();
+        for more in [&[][..], &["--overwrite"]] {
+            let into = [&base[..4], &["-o", "own", known.as_str()], more].concat();
+            refused(dir.path(), &into, 2, "own holds");
+            assert_eq!(std::fs::read_to_string(&own).unwrap(), "mine");
+        }
+        std::fs::remove_dir_all(dir.path().join("own")).unwrap();
+    }
+    let into = [
+        &base[..4],
+        &["-o", "one/../one/images", known.as_str(), "--overwrite"],
+    ]
+    .concat();
+    refused(dir.path(), &into, 2, "clip's own folder");
     // Another ball's table: no flight.
     let other = [
         "dataset",

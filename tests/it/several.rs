@@ -553,6 +553,26 @@ fn the_command_has_a_row_for_each_ball_and_rejects_what_does_not_go_together() {
         assert!(shot["BallData"].get("Speed").is_none());
         assert_eq!(shot["ShotDataOptions"]["ContainsBallData"], false);
     }
+    let said = spindoe(
+        dir.path(),
+        &[&strobed[..], &["--preset=golf", "--as", "gspro"]].concat(),
+    );
+    let said = String::from_utf8_lossy(&said.stderr).into_owned();
+    assert_eq!(
+        said.matches("ContainsBallData is false").count(),
+        1,
+        "{said}"
+    );
+    // A limit that no spin is below: nothing is written, and that is no success.
+    let slow = ["--preset=golf", "--as", "gspro", "--max-spin-rps", "0.001"];
+    let none = spindoe(dir.path(), &[&strobed[..], &slow].concat());
+    let words = String::from_utf8_lossy(&none.stderr).into_owned();
+    assert_eq!(
+        (none.status.code(), none.stdout.len()),
+        (Some(3), 0),
+        "{words}"
+    );
+    assert!(words.contains("no shot"), "{words}");
     // One ball as before: no such columns.
     let single = run(&["estimate", "--table", "e/table.npz", "e/images"]);
     assert!(!single.lines().next().unwrap().contains("ball"));

@@ -107,7 +107,7 @@ pub struct Arguments {
     #[arg(long, value_name = "NPZ")]
     pub(super) write_surface: Option<PathBuf>,
     /// Print one JSON object instead: every dot, every rejection and the spin.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "format")]
     pub(super) json: bool,
 }
 

@@ -6,8 +6,9 @@ use clap::{Args, ValueEnum};
 
 use super::Asked;
 use crate::error::{Error, Result};
+use crate::files::csv::shown;
 use crate::spin::fictrac::{self, FicTracConfig};
-use crate::spin::orientations::Orientations;
+use crate::spin::orientations::{OrientationRow, Orientations};
 
 /// A program whose format is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -39,9 +40,15 @@ pub struct FormatArguments {
         allow_negative_numbers = true
     )]
     c2a_r: Vec<f64>,
-    /// After more frames without an orientation than this the path of --as fictrac begins anew [default: never].
-    #[arg(hide = true, long, value_name = "N")]
-    max_bad_frames: Option<u64>,
+    /// After more frames without an orientation than this the path of --as fictrac begins anew; -1 is never [default: -1].
+    #[arg(
+        hide = true,
+        long,
+        value_name = "N",
+        allow_negative_numbers = true,
+        value_parser = clap::value_parser!(i64).range(-1..)
+    )]
+    max_bad_frames: Option<i64>,
 }
 
 impl Asked {
@@ -79,7 +86,8 @@ impl Asked {
             return Ok(None);
         }
         let config = FicTracConfig {
-            max_bad_frames: self.format.max_bad_frames,
+            // -1 is never.
+            max_bad_frames: self.format.max_bad_frames.and_then(|n| n.try_into().ok()),
             ..FicTracConfig::default()
         };
         let given = &self.format.c2a_r;
@@ -98,6 +106,15 @@ impl Asked {
         let Some(config) = self.fictrac()? else {
             return Ok(file.to_csv());
         };
+        let is_untimed =
+            |row: &&OrientationRow| row.orientation.is_some() && !row.time_s.is_finite();
+        if let Some(row) = file.rows.iter().find(is_untimed) {
+            let problem = format!(
+                "fictrac: expected a time for every frame, {} has none (--fps, --times)",
+                shown(&row.frame)
+            );
+            return Err(Error::argument("--as", problem));
+        }
         let mut text = String::new();
         for row in fictrac::rows(file, config)? {
             let _ = writeln!(text, "{row}");
@@ -106,11 +123,26 @@ impl Asked {
     }
 
     /// What is to be known of the rows, on standard error.
-    pub(in crate::cli) fn say_format(&self) {
-        if self.is_as(Format::Fictrac) && self.format.c2a_r.is_empty() {
+    pub(in crate::cli) fn say_format(&self) -> Result<()> {
+        let is_fictrac = self.is_as(Format::Fictrac);
+        if is_fictrac && self.format.c2a_r.is_empty() {
             errln!(
                 "note: lab frame: that of a level camera behind the animal (another one: --config c2a_r=X,Y,Z)"
             );
         }
+        if self.frame()?.is_view() {
+            if is_fictrac {
+                errln!(
+                    "note: without --intrinsics the camera's axes are those of one that points at the ball: turned, where the ball is not in the \
+                     picture's center"
+                );
+            }
+            if self.is_as(Format::Gspro) {
+                errln!(
+                    "note: without --intrinsics a shot has no speed and no direction, and its ContainsBallData is false"
+                );
+            }
+        }
+        Ok(())
     }
 }

@@ -110,12 +110,8 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
         }
         arguments.write(file, &report.rows(), || report.to_json())?;
         report.say();
+        asked.say_format()?;
         return arguments.answered(report.no_answer());
-    }
-    #[cfg(feature = "plot")]
-    if let Some(target) = overlay {
-        let frame = |k: usize| overlay::one_ball(&estimators[table], &batch.frames[k]);
-        target.draw(&batch.times, batch.frames.len(), frame)?;
     }
     let frame = asked.frame()?;
     let smears = arguments.smears(&estimators[table], frame, &batch);
@@ -127,14 +123,20 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
         rows: rows.as_ref(),
     };
     let report = Report::new(arguments, frame, &batch, &evidence);
+    // Rows that another program's format refuses leave nothing written.
+    let text = report.rows()?;
+    #[cfg(feature = "plot")]
+    if let Some(target) = overlay {
+        let frame = |k: usize| overlay::one_ball(&estimators[table], &batch.frames[k]);
+        target.draw(&batch.times, batch.frames.len(), frame)?;
+    }
     #[cfg(feature = "plot")]
     if let Some(path) = &arguments.report {
         page::write(path, &estimators[table], &batch, &report)?;
     }
-    let text = report.rows()?;
     arguments.write(file, &text, || report.to_json())?;
     report.say();
-    asked.say_format();
+    asked.say_format()?;
     arguments.answered(report.no_answer())
 }
 

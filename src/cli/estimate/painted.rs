@@ -54,14 +54,16 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&Surface>) -> Result<()
     let posed = poses.iter().flatten().count();
     // Alone, the first frame says nothing.
     let is_answered = posed > usize::from(made.is_some());
+    let known = made.as_ref().map(Surface::known);
+    let report = Report::new(arguments, &batch, poses, known)?;
+    // Rows that another program's format refuses leave nothing written.
+    let rows = asked.rows(&report.orientations)?;
     if let (Some(path), Some(surface), true) = (&arguments.write_surface, &made, is_answered) {
         surface.write_npz(path)?;
     }
-    let report = Report::new(arguments, &batch, poses, made.map(|s| s.known()))?;
-    let rows = asked.rows(&report.orientations)?;
     arguments.write(file, &rows, || report.to_json())?;
     report.say(posed);
-    asked.say_format();
+    asked.say_format()?;
     match is_answered {
         true => Ok(()),
         false => Err(Error::NoAnswer {

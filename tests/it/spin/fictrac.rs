@@ -254,6 +254,34 @@ fn frames_without_an_orientation_have_no_row_and_count() {
 }
 
 #[test]
+fn many_frames_missed_at_once_are_as_many_one_by_one() {
+    let at = |k: u64| OrientationRow {
+        time_s: k as f64,
+        orientation: Some(Rotation::new(Vec3::x() * 0.1 * k as f64)),
+        ..OrientationRow::default()
+    };
+    for max_bad_frames in [None, Some(0), Some(1), Some(2), Some(7), Some(u64::MAX)] {
+        let config = FicTracConfig {
+            max_bad_frames,
+            ..FicTracConfig::default()
+        };
+        for (before, missed) in (0..4).flat_map(|b| (0..9).map(move |m| (b, m))) {
+            let row = |misses: &[u64]| {
+                let mut fictrac = FicTrac::new(config);
+                fictrac.push(&at(0), None).unwrap();
+                fictrac.push(&at(1), None).unwrap();
+                fictrac.miss(before);
+                misses.iter().for_each(|n| fictrac.miss(*n));
+                fictrac.push(&at(20), None).unwrap().unwrap()
+            };
+            let once = row(&[missed]).to_string();
+            let each = row(&vec![1; missed as usize]).to_string();
+            assert_eq!(once, each, "{max_bad_frames:?} {before} {missed}");
+        }
+    }
+}
+
+#[test]
 fn a_row_is_25_numbers_between_commas() {
     let rows = rows_of(&[walk(0.05, 1e-9, 0.1)]);
     for row in rows {

@@ -238,7 +238,11 @@ impl<'a> Report<'a> {
         let frames = self.rows.len();
         let verdict = VerdictWords::new(&self.batch.judgment, &self.asked.table);
         let none = || format!("no ball of {frames} frames is identified");
-        (self.identified() == 0).then(|| verdict.rejection().unwrap_or_else(none))
+        if self.identified() == 0 {
+            return Some(verdict.rejection().unwrap_or_else(none));
+        }
+        let is_without = self.asked.is_as(Format::Gspro) && self.rows().is_empty();
+        is_without.then(|| format!("no spin, and so no shot, in {frames} exposures"))
     }
 
     /// The rows as they are asked for: orientations, or a line for each shot.
@@ -246,9 +250,8 @@ impl<'a> Report<'a> {
         if !self.asked.is_as(Format::Gspro) {
             return self.to_csv();
         }
-        let shots = (1..).zip(&self.strobes);
-        let shots =
-            shots.filter_map(|(number, (found, _))| shot_line(number, found, self.shown_in));
+        let shot = |(k, strobe): (u64, &(Vec<_>, _))| shot_line(k, &strobe.0, self.shown_in);
+        let shots = (1..).zip(&self.strobes).filter_map(shot);
         shots.map(|line| line + "\n").collect()
     }
 
@@ -315,10 +318,8 @@ impl<'a> Report<'a> {
             }
             for row in rows {
                 if let Some(why) = row.json["refusal"].as_str() {
-                    let ball = row
-                        .row
-                        .ball
-                        .map_or(String::new(), |b| format!(", ball {b}"));
+                    let number = row.row.ball.map(|b| format!(", ball {b}"));
+                    let ball = number.unwrap_or_default();
                     errln!("{name}{ball}: {why}");
                 }
             }
