@@ -36,10 +36,8 @@ use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
 use crate::vision::estimator::propose::NEARBY;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
-use crate::vision::frame::config::CameraDistance;
-use crate::vision::frame::estimate::FrameEstimate;
+use crate::vision::frame::estimate::{FrameEstimate, Pose, SeenFrom};
 use crate::vision::frame::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
-use crate::vision::optics::camera::BallCircle;
 use crate::vision::outline::circle::WHOLE;
 use crate::vision::outline::circle::coarse::CoarseSearch;
 use crate::vision::outline::path::OutlineMotion;
@@ -104,9 +102,9 @@ pub struct TrackerState<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     measurement: Measurement,
-    residual_rad: f64,
     /// From where, if the camera's intrinsics are unknown.
-    from: Option<(BallCircle, CameraDistance)>,
+    from: Option<SeenFrom>,
+    pose: Pose,
 }
 
 /// Follows one ball through the frames of a camera.
@@ -307,8 +305,8 @@ impl Tracker {
                 confidence: pose.confidence,
                 ..Measurement::new(time_s, pose.rotation)
             },
-            residual_rad: pose.residual_rad,
             from: self.frame.seen_from(),
+            pose: *pose,
         })
     }
 
@@ -316,19 +314,19 @@ impl Tracker {
     fn fit(&mut self) {
         let seen_from = self.window.iter().filter_map(|s| s.from);
         let last = seen_from.clone().next_back();
-        let view = last.and_then(|(circle, _)| SequenceView::about(circle.center, seen_from));
-        let turn = |seen: &Seen| Some(view?.turn(seen.from?.0.center));
+        let view = last.and_then(|one| SequenceView::about(one.circle.center, seen_from));
+        let place = |seen: &Seen| Some(view?.place(&seen.from?.circle, &seen.pose));
         self.turned.clear();
         self.turned.extend(self.window.iter().map(|seen| {
             let own = seen.measurement;
             Measurement {
-                orientation: turn(seen).unwrap_or_default().rotation() * own.orientation,
+                orientation: place(seen).map_or(own.orientation, |placed| placed.rotation),
                 ..own
             }
         }));
-        let shared = SharedError::of_residuals(self.window.iter().map(|s| s.residual_rad));
+        let shared = SharedError::of_residuals(self.window.iter().map(|s| s.pose.residual_rad));
         let turns = self.window.iter();
-        let turns = turns.filter_map(|seen| Some((seen.measurement.time_s, turn(seen)?)));
+        let turns = turns.filter_map(|seen| Some((seen.measurement.time_s, place(seen)?.turn)));
         self.fitter
             .set_shared(SharedError::with_turns(shared, turns));
         self.spin = self.fitter.fit(&self.turned);

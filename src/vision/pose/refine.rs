@@ -12,6 +12,7 @@ use crate::geometry::{Position, Rotation, Vec3, angle_between, turned_covariance
 use crate::vision::frame::config::{CameraDistance, CameraModel, EstimatorConfig};
 use crate::vision::frame::estimate::{Axis, FrameEstimate, Pose};
 use crate::vision::frame::position;
+use crate::vision::frame::view_evidence::ViewEvidence;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
 
 /// Of the turn, the outline, the distance and the axis.
@@ -62,6 +63,8 @@ pub(crate) struct Refined {
     pub position: Option<Position>,
     /// Ball radii over the camera's distance, where there are no intrinsics.
     pub distance: Option<CameraDistance>,
+    /// The same.
+    pub evidence: Option<ViewEvidence>,
     pub residual_rad: f64,
     pub residual_px: f64,
 }
@@ -77,6 +80,7 @@ impl Refined {
             residual_rad: self.residual_rad,
             residual_px: self.residual_px,
             distance: self.distance,
+            view: self.evidence,
             position: self.position,
             hinted,
         }
@@ -144,29 +148,65 @@ impl Prior {
         (by[(0, 3)], by[(1, 4)], by[(2, 5)]) = (1.0, 1.0, growth);
         (0..2).for_each(|k| by[(2, 7 + k)] = now.radius * by_eccentricity[k]);
         let pull = of_outline * back;
-        let mut information = by.transpose() * of_outline * by;
-        let mut gradient = by.transpose() * pull;
-        let mut cost = back.dot(&pull);
+        let mut all = self.of_camera(view);
+        all.information += by.transpose() * of_outline * by;
+        all.gradient += by.transpose() * pull;
+        all.cost += back.dot(&pull);
+        if self.has_oval() {
+            let Equations {
+                information,
+                gradient,
+                ..
+            } = &mut all;
+            let cost = self.add_eccentricity(information, gradient, view);
+            all.cost += cost;
+        }
+        all
+    }
+
+    /// Whether the outline shows how far it is drawn out, and the dots may follow.
+    fn has_oval(&self) -> bool {
+        let is_unknown = matches!(self.camera, CameraModel::Unknown(_));
+        is_unknown && self.outline.0.is_ellipse() && self.drawn == Drawn::AsSeen
+    }
+
+    /// What the outline says of the eccentricity, or where it is a circle that most balls are near the axis. Minus two
+    /// log-likelihoods.
+    fn add_eccentricity(
+        &self,
+        information: &mut SMatrix<f64, PARAMETERS, PARAMETERS>,
+        gradient: &mut SVector<f64, PARAMETERS>,
+        view: &BallView,
+    ) -> f64 {
+        let circle = &self.outline.0;
+        let sigma = match self.drawn {
+            Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
+            // Dots that may lie anywhere about their places say nothing of the axis.
+            Drawn::AsStated => FIXED,
+        };
+        let away = circle.eccentricity - view.circle().eccentricity;
+        for k in 0..2 {
+            information[(7 + k, 7 + k)] += sigma.powi(-2);
+            gradient[7 + k] += away[k] / sigma.powi(2);
+        }
+        away.norm_squared() / sigma.powi(2)
+    }
+
+    /// What it says of the camera alone.
+    fn of_camera(&self, view: &BallView) -> Equations {
+        let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
+        let mut gradient = SVector::<f64, PARAMETERS>::zeros();
+        let mut cost = 0.0;
         match self.camera {
             CameraModel::Unknown(known) => {
                 information[(6, 6)] += known.sigma.powi(-2);
                 let away = known.inverse_distance - view.horizon();
                 gradient[6] = away / known.sigma.powi(2);
                 cost += (away / known.sigma).powi(2);
-                // Dots that may lie anywhere about their places say nothing of the axis.
-                let sigma = match self.drawn {
-                    Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
-                    Drawn::AsStated => FIXED,
-                };
                 let axis = self.axis.filter(|_| self.drawn == Drawn::AsSeen);
                 // Without an ellipse the picture says more of the axis than that most balls are near it.
-                if axis.is_none() || circle.is_ellipse() {
-                    let away = circle.eccentricity - now.eccentricity;
-                    for k in 0..2 {
-                        information[(7 + k, 7 + k)] += sigma.powi(-2);
-                        gradient[7 + k] += away[k] / sigma.powi(2);
-                    }
-                    cost += away.norm_squared() / sigma.powi(2);
+                if axis.is_none() && !self.has_oval() {
+                    cost += self.add_eccentricity(&mut information, &mut gradient, view);
                 }
                 if let Some(axis) = axis {
                     cost += axis.add_to(&mut information, &mut gradient, view);
@@ -180,6 +220,17 @@ impl Prior {
             gradient,
             cost,
         }
+    }
+
+    /// What a frame says of a camera that is not known.
+    fn evidence(&self, state: &State) -> Option<ViewEvidence> {
+        let CameraModel::Unknown(expected) = self.camera else {
+            return None;
+        };
+        let known = self.of_camera(&state.view);
+        let seen = state.information - known.information;
+        let pull = known.gradient.fixed_rows::<3>(6).into_owned();
+        ViewEvidence::new(&seen, &pull, expected, self.axis)
     }
 }
 
@@ -339,6 +390,7 @@ impl Refiner {
                     sigma: 0.0,
                 }),
             },
+            evidence: prior.evidence(&state),
             residual_rad: (angles / count).sqrt(),
             residual_px: (distances / count).sqrt(),
         })
