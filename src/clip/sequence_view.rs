@@ -28,8 +28,8 @@ use crate::vision::frame::estimate::{FrameEstimate, Pose, SeenFrom};
 use crate::vision::optics::camera::{BallCircle, Pixel};
 
 /// Frames that are as good as independent in what they say of the camera: dots drawn off their places, and a biased outline, mislead all
-/// alike, so that all together are worth one. Of 94 clips that cross the picture the 95 % regions of the spin then hold 93 to 98 %, with 2
-/// frames 93 %, with 6 and more 90 % (docs/measurements/detector.md).
+/// alike, so that all together are worth one. With less the regions of spins hold too much, with more the mean of their squared distances grows
+/// (docs/measurements/detector.md, "One camera for all frames").
 const INDEPENDENT: f64 = 1.0;
 /// Standard deviation of the principal point about the ball, over the focal length, where pictures may be crops.
 const OFF_AXIS: f64 = 0.08;
