@@ -42,8 +42,9 @@ const STEPS: usize = 12;
 const CONVERGED: f64 = 1e-3;
 /// No step is longer: in ln f, and in focal lengths.
 const LONGEST: f64 = 0.5;
-/// Steps of the derivatives by ln f and by the principal point over the focal length.
+/// Steps of the derivatives by ln f and by the principal point over the focal length: of what is seen, and of orientations.
 const DIFFERENCE: f64 = 1e-5;
+const SMALL: f64 = 1e-3;
 /// Degrees of freedom of what frames say: a wrong pose says anything.
 const DEGREES: f64 = 5.0;
 /// A frame whose own camera is farther from that of all, in squared standard deviations, keeps its own orientation.
@@ -182,10 +183,13 @@ impl SequenceView {
             turn_by(camera, circle.center, self.reference) * Rotation::from_scaled_axis(own)
         };
         let turn = seen(&self.camera);
+        // To first order: far away the focal length may be anything, and the turns are small all the same.
         let shared_rad = [0, 1, 2].map(|k| {
-            let step = self.root.column(k).into_owned();
+            let whole = self.root.column(k).into_owned();
+            let part = SMALL / whole.amax().max(SMALL);
+            let step = whole * part;
             let [there, back] = [step, -step].map(|step| seen(&self.camera.moved(&step)));
-            (there * back.inverse()).scaled_axis() * 0.5
+            (there * back.inverse()).scaled_axis() / (2.0 * part)
         });
         let own = near.map_or(pose.covariance, |view| view.own);
         let shared = shared_rad.iter().map(|s| s * s.transpose());
@@ -393,5 +397,43 @@ mod tests {
         let view = SequenceView::about(reference, seen).expect("a camera");
         assert!((view.camera.focal() / 900.0 - 1.0).abs() < 1e-3, "{view:?}");
         assert!((view.camera.center - truth.center).norm() < 1.0, "{view:?}");
+    }
+
+    /// A camera that is given as one of parallel rays: it may as well be ten thousand radii away.
+    #[test]
+    fn parallel_rays_do_not_turn() {
+        let distance = crate::vision::frame::CameraDistance {
+            inverse_distance: 0.0,
+            sigma: 0.0,
+        };
+        let at = |i: i32| {
+            let u = 100.0 + 50.0 * f64::from(i);
+            BallCircle::new(Pixel { u, v: 120.0 }, 40.0)
+        };
+        let seen = (0..6).map(|i| SeenFrom {
+            circle: at(i),
+            distance,
+            evidence: None,
+        });
+        let view = SequenceView::about(at(0).center, seen).expect("a camera");
+        let pose = Pose {
+            rotation: Rotation::identity(),
+            covariance: Matrix3::from_diagonal_element(1e-4),
+            dots_confidence: 1.0,
+            confidence: 1.0,
+            residual_rad: 0.0,
+            residual_px: 0.0,
+            distance: Some(distance),
+            view: None,
+            position: None,
+            hinted: false,
+        };
+        let placed = view.place(&at(5), &pose);
+        assert!(placed.turn.turn_rad.norm() < 1e-3, "{placed:?}");
+        assert!(
+            placed.turn.shared_rad.iter().all(|s| s.norm() < 2e-3),
+            "{placed:?}"
+        );
+        assert!((placed.covariance - pose.covariance).norm() < 1e-5);
     }
 }

@@ -1,17 +1,17 @@
 //! What a frame says of a camera whose intrinsics are not known, and what its orientation makes of more that is known of it.
 //!
 //! The fit of a frame without intrinsics has the camera `x = (k, e)` among its unknowns: ball radii over the distance and the outline's
-//! eccentricity. What was expected of these has the information `L` and, at the solution, the pull `g`; without it, the dots and the outline
-//! have the logarithmic likelihood `-g (x - x0) - (x - x0)^T D (x - x0) / 2`. Where the camera is at `x`, the orientation is turned by `G (x -
-//! x0)` and has the covariance `C`: `H` is the information of turn and outline, `B` that of these with `x`, and
+//! eccentricity. Dots and outline alone, without what was expected of the camera, have the logarithmic likelihood `s (x - x0) - (x - x0)^T D (x
+//! - x0) / 2` about the solution. Where the camera is at `x`, the orientation is turned by `G (x - x0)` and has the covariance `C`: with `H` the
+//! information of turn and outline, `B` that of these with `x`, and the gradients `g` of turn and outline and `g_x` of the camera,
 //!
 //! ```text
-//! D = H_xx - B^T H^-1 B,   G = -(H^-1 B)_turn,   C = (H^-1)_turn
+//! D = H_xx - B^T H^-1 B,   s = g_x - B^T H^-1 g,   G = -(H^-1 B)_turn,   C = (H^-1)_turn
 //! ```
 //!
 //! Frames of one camera have these in common ([`SequenceView`](crate::clip::SequenceView)).
 
-use nalgebra::{Matrix3, SMatrix};
+use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::config::CameraDistance;
 use super::estimate::Axis;
@@ -27,7 +27,7 @@ const ALL: usize = 9;
 pub struct ViewEvidence {
     /// `D`, of the inverse distance and the eccentricity along u and v.
     pub(crate) information: Matrix3<f64>,
-    /// `-g`.
+    /// `s`.
     pub(crate) slope: Vec3,
     /// `G`.
     pub(crate) gain: Matrix3<f64>,
@@ -40,11 +40,11 @@ pub struct ViewEvidence {
 }
 
 impl ViewEvidence {
-    /// By the information of turn, outline and camera that dots and outline have, and the pull on the camera of what was expected;
-    /// `None` where they leave turn or outline open.
+    /// By the information and the gradient of turn, outline and camera that dots and outline have; `None` where they leave turn or outline
+    /// open.
     pub(crate) fn new(
         seen: &SMatrix<f64, ALL, ALL>,
-        pull: &Vec3,
+        gradient: &SVector<f64, ALL>,
         expected: CameraDistance,
         axis: Option<Axis>,
     ) -> Option<Self> {
@@ -55,7 +55,8 @@ impl ViewEvidence {
         let information = seen.fixed_view::<3, 3>(OTHERS, OTHERS) - with_camera.transpose() * moved;
         Some(Self {
             information: 0.5 * (information + information.transpose()),
-            slope: -pull,
+            slope: gradient.fixed_rows::<3>(OTHERS)
+                - moved.transpose() * gradient.fixed_rows::<OTHERS>(0),
             gain: -moved.fixed_rows::<3>(0),
             own: inverse.fixed_view::<3, 3>(0, 0).into_owned(),
             expected,
@@ -67,7 +68,6 @@ impl ViewEvidence {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::SVector;
 
     /// Against the solution of the whole system with the camera held elsewhere.
     #[test]
@@ -76,8 +76,11 @@ mod tests {
             ((3 * i + 5 * j) as f64).sin() + if i == j { 4.0 } else { 0.0 }
         });
         let seen = root * root.transpose();
-        let pull = Vec3::new(0.3, -0.2, 0.1);
-        let evidence = ViewEvidence::new(&seen, &pull, CameraDistance::default(), None);
+        let mut gradient = SVector::<f64, ALL>::zeros();
+        gradient
+            .fixed_rows_mut::<3>(OTHERS)
+            .copy_from(&Vec3::new(0.3, -0.2, 0.1));
+        let evidence = ViewEvidence::new(&seen, &gradient, CameraDistance::default(), None);
         let evidence = evidence.expect("determined");
         let off = Vec3::new(0.02, -0.01, 0.03);
         // Minimum of x^T S x / 2 over turn and outline.
@@ -92,6 +95,6 @@ mod tests {
         let squares = all.dot(&(seen * all));
         let by_camera = off.dot(&(evidence.information * off));
         assert!((squares - by_camera).abs() < 1e-12 * squares.abs());
-        assert_eq!(evidence.slope, -pull);
+        assert_eq!(evidence.slope, gradient.fixed_rows::<3>(OTHERS));
     }
 }

@@ -137,6 +137,15 @@ pub(crate) struct Prior {
 impl Prior {
     /// What it says at a view; `of_outline` is the inverse of the outline's covariance.
     fn equations(&self, of_outline: &Matrix3<f64>, view: &BallView) -> Equations {
+        let (mut all, camera) = (self.of_outline(of_outline, view), self.of_camera(view));
+        all.information += camera.information;
+        all.gradient += camera.gradient;
+        all.cost += camera.cost;
+        all
+    }
+
+    /// What the outline says.
+    fn of_outline(&self, of_outline: &Matrix3<f64>, view: &BallView) -> Equations {
         let (circle, now) = (&self.outline.0, view.circle());
         let moved = offset(circle.center, now.center);
         let (growth, by_eccentricity) = match circle.is_ellipse() {
@@ -148,20 +157,17 @@ impl Prior {
         (by[(0, 3)], by[(1, 4)], by[(2, 5)]) = (1.0, 1.0, growth);
         (0..2).for_each(|k| by[(2, 7 + k)] = now.radius * by_eccentricity[k]);
         let pull = of_outline * back;
-        let mut all = self.of_camera(view);
-        all.information += by.transpose() * of_outline * by;
-        all.gradient += by.transpose() * pull;
-        all.cost += back.dot(&pull);
+        let mut information = by.transpose() * of_outline * by;
+        let mut gradient = by.transpose() * pull;
+        let mut cost = back.dot(&pull);
         if self.has_oval() {
-            let Equations {
-                information,
-                gradient,
-                ..
-            } = &mut all;
-            let cost = self.add_eccentricity(information, gradient, view);
-            all.cost += cost;
+            cost += self.add_eccentricity(&mut information, &mut gradient, view);
         }
-        all
+        Equations {
+            information,
+            gradient,
+            cost,
+        }
     }
 
     /// Whether the outline shows how far it is drawn out, and the dots may follow.
@@ -220,17 +226,6 @@ impl Prior {
             gradient,
             cost,
         }
-    }
-
-    /// What a frame says of a camera that is not known.
-    fn evidence(&self, state: &State) -> Option<ViewEvidence> {
-        let CameraModel::Unknown(expected) = self.camera else {
-            return None;
-        };
-        let known = self.of_camera(&state.view);
-        let seen = state.information - known.information;
-        let pull = known.gradient.fixed_rows::<3>(6).into_owned();
-        ViewEvidence::new(&seen, &pull, expected, self.axis)
     }
 }
 
@@ -390,7 +385,7 @@ impl Refiner {
                     sigma: 0.0,
                 }),
             },
-            evidence: prior.evidence(&state),
+            evidence: self.evidence(names, &prior, &state, frame, matches),
             residual_rad: (angles / count).sqrt(),
             residual_px: (distances / count).sqrt(),
         })
@@ -440,6 +435,23 @@ impl Refiner {
         let far = far.map(|state| (state, other));
         let both = near.into_iter().chain(far);
         both.min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))
+    }
+
+    /// What dots and outline say of a camera that is not known, about a solution.
+    fn evidence(
+        &self,
+        names: &[Vec3],
+        prior: &Prior,
+        state: &State,
+        frame: &FrameEstimate,
+        matches: &[Match],
+    ) -> Option<ViewEvidence> {
+        let CameraModel::Unknown(expected) = prior.camera else {
+            return None;
+        };
+        let mut seen = prior.of_outline(&prior.outline.1.try_inverse()?, &state.view);
+        self.add_dots(names, prior, state, frame, matches, &mut seen)?;
+        ViewEvidence::new(&seen.information, &seen.gradient, expected, prior.axis)
     }
 
     fn fit(
