@@ -44,8 +44,9 @@ class SequenceEstimate:
     covariances_rad2: Floats
     """Covariances of their errors, rotation vectors in that frame; shape (frames, 3, 3)."""
     view_turns_rad: Floats | None
-    """The turns of the view frame about x and y, and their standard deviations, shape (frames, 4);
-    None where the poses are in the camera frame."""
+    """The turns of the view frame, and what one standard deviation of each of three errors of the camera,
+    which all frames share, does to the orientation: four rotation vectors, shape (frames, 12); None where
+    the poses are in the camera frame."""
     frame: Frame
     """The frame of these orientations and of the spin."""
     times_s: Floats | None = None
@@ -136,7 +137,7 @@ class SequenceEstimate:
             for i, j in zip(*np.triu_indices(3), strict=True):
                 columns[f"cov_m2_{'xyz'[i]}{'xyz'[j]}"] = blocks[:, i, j]
         if self.view_turns_rad is not None:
-            names = ("turn_x", "turn_y", "turn_sd_x", "turn_sd_y")
+            names = [f"{vector}_{axis}" for vector in ("turn", "sd1", "sd2", "sd3") for axis in "xyz"]
             columns |= {name: self.view_turns_rad[:, k] for k, name in enumerate(names)}
         columns |= {name: circles[:, k] for k, name in enumerate(("u_px", "v_px", "radius_px"))}
         columns["hinted"] = [bool(f.pose and f.pose.hinted) for f in self.frames]
@@ -338,7 +339,7 @@ def _sequence(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Se
         meta["independent"],
         get("quaternions_wxyz", count, 4),
         get("covariances_rad2", count, 3, 3),
-        optional("view_turns_rad", count, 4),
+        optional("view_turns_rad", count, 12),
         meta["frame"],
         optional("times_s", count),
     )

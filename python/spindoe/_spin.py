@@ -263,9 +263,9 @@ def fit_spin(
             weights follow.
         covariances_rad2: Covariance of each orientation's error, a rotation vector in `frame`,
             shape (n, 3, 3): the frames' weights, in place of the residuals.
-        view_turns_rad: Of orientations that were brought from view frames into one: the turn about x
-            and y that each contains, and its standard deviations, shape (n, 4). One error that all share,
-            which widens the covariance.
+        view_turns_rad: Of orientations that were brought from view frames into one: the turn that each
+            contains, and what one standard deviation of each of three errors of the camera does to it, four
+            rotation vectors, shape (n, 12). All share these errors, which widen the covariance.
         frame: The frame that the orientations are in.
         method: ``"robust"``, or ``"quatera"``, the paper's, of constant spins.
         model: How the ball moves: ``"constant"``, ``"decaying"``, ``"precessing"``, ``"free"`` (pushed), or the

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::Matrix3;
 use numpy::ndarray::{Array2, ArrayViewD, arr1};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -58,7 +58,7 @@ pub type CurveTuple<'py> = (
 );
 
 /// A file of orientations for Python: quaternions (n, 4), covariances (n, 3, 3), NaN where there is none, and the turns of the view
-/// frame (n, 4), where it turns, and the frame.
+/// frame (n, 12), where it turns, and the frame.
 pub type Rows<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray3<f64>>,
@@ -71,18 +71,13 @@ pub fn rows<'py>(py: Python<'py>, file: &Orientations) -> Rows<'py> {
     let missing = Matrix3::repeat(f64::NAN);
     let count = file.rows.len();
     let mut quaternions = Array2::from_elem((count, 4), f64::NAN);
-    let mut turns = Array2::from_elem((count, 4), f64::NAN);
+    let mut turns = Array2::from_elem((count, ViewTurn::NUMBERS), f64::NAN);
     for (i, row) in file.rows.iter().enumerate() {
         if let Some(orientation) = &row.orientation {
             quaternions.row_mut(i).assign(&arr1(&to_wxyz(orientation)));
         }
-        if let Some(ViewTurn {
-            turn_rad,
-            deviation_rad,
-        }) = &row.turn
-        {
-            let numbers = [turn_rad.x, turn_rad.y, deviation_rad.x, deviation_rad.y];
-            turns.row_mut(i).assign(&arr1(&numbers));
+        if let Some(turn) = &row.turn {
+            turns.row_mut(i).assign(&arr1(&turn.numbers()));
         }
     }
     let covariances: Vec<_> = file
@@ -114,15 +109,12 @@ pub fn covariance(rows: &ArrayViewD<'_, f64>, i: usize) -> PyResult<Matrix3<f64>
 
 /// The turn of row `i`.
 fn view_turn(rows: &ArrayViewD<'_, f64>, i: usize) -> PyResult<ViewTurn> {
-    let [x, y, sd_x, sd_y] = [0, 1, 2, 3].map(|k| rows[[i, k]]);
-    if ![x, y, sd_x, sd_y].iter().all(|x| x.is_finite()) {
-        let problem = format!("row {i}: expected four finite numbers");
+    let numbers = std::array::from_fn(|k| rows[[i, k]]);
+    if !numbers.iter().all(|x: &f64| x.is_finite()) {
+        let problem = format!("row {i}: expected finite numbers");
         return Err(value_error("view_turns_rad", problem));
     }
-    Ok(ViewTurn {
-        turn_rad: Vector2::new(x, y),
-        deviation_rad: Vector2::new(sd_x, sd_y),
-    })
+    Ok(ViewTurn::of_numbers(&numbers))
 }
 
 /// An estimate for Python, whose spin is that at `at_s`, by default what sums it up; its aliases are searched for in `measurements`.

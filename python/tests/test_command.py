@@ -165,7 +165,9 @@ def test_the_same_spin_of_a_file(command, drawn, tmp_path, method):
         column("time_s"), quaternions, confidences=column("confidence"), method=method,
         residuals_rad=np.deg2rad(column("residual_deg")), matched=column("matched").astype(int),
         covariances_rad2=np.array([[column(f"cov_{min(a, b)}{max(a, b)}") for a in "xyz"] for b in "xyz"]).T,
-        view_turns_rad=np.stack([column(f"turn_{name}") for name in ("x", "y", "sd_x", "sd_y")], axis=1),
+        view_turns_rad=np.stack(
+            [column(f"{name}_{axis}") for name in ("turn", "sd1", "sd2", "sd3") for axis in "xyz"], axis=1
+        ),
     )
     assert found and found.inliers == theirs["inliers"]
     assert np.abs(found.spin_rad_s - theirs["spin_rad_s"]).max() <= TOLERANCE

@@ -46,20 +46,21 @@ pub fn orientations(
     let row = |named: &NamedFrame<'_>| {
         let estimate = named.estimate;
         let pose = estimate.pose();
-        let seen_at = pose.and(estimate.circle).map(|circle| circle.center);
-        let turn = view.zip(seen_at).map(|(view, center)| view.turn(center));
-        let turned = frame.turn() * turn.unwrap_or_default().rotation();
+        let place = |view: SequenceView| Some(view.place(&estimate.circle?, pose?));
+        let placed = view.and_then(place);
+        let seen = placed.map(|p| (p.rotation, p.covariance));
+        let seen = seen.or(pose.map(|p| (p.rotation, p.covariance)));
         OrientationRow {
             frame: named.name.to_owned(),
             time_s: named.time_s.unwrap_or(f64::NAN),
-            orientation: pose.map(|p| turned * p.rotation),
+            orientation: seen.map(|(rotation, _)| frame.turn() * rotation),
             dots: Some(estimate.dots.len()),
             matched: Some(estimate.matched()),
             residual_rad: pose.map(|p| p.residual_rad),
             confidence: pose.map(|p| p.confidence),
-            covariance: pose.map(|p| turned_covariance(&turned, &p.covariance)),
+            covariance: seen.map(|(_, covariance)| turned_covariance(&frame.turn(), &covariance)),
             position: estimate.position().map(|p| p.turned(&frame.turn())),
-            turn: turn.map(|turn| turn.in_axes(frame)),
+            turn: placed.map(|p| p.turn.in_axes(frame)),
             ..OrientationRow::default()
         }
     };

@@ -102,7 +102,7 @@ impl<'a> SequenceRows<'a> {
             let (view, center) = (estimator.view(frame)?, frame.circle?.center);
             frame.pose()?;
             let turn = common.map(|common| common.turn(center));
-            let to_common = turn.unwrap_or_default().rotation() * view.to_camera();
+            let to_common = turn.unwrap_or_default() * view.to_camera();
             Some(Moving {
                 number: k,
                 frame,

@@ -261,9 +261,10 @@ impl Strobe {
         let shared = config.shared.as_ref();
         let posed = file.rows.iter().filter(|r| r.orientation.is_some());
         let covariances: Vec<Matrix3<f64>> = posed
-            .map(|r| {
-                r.covariance
-                    .unwrap_or(Matrix3::identity() * config.sigma_rad.powi(2))
+            .map(|r| match (r.covariance, r.turn) {
+                (Some(all), Some(turn)) => all - turn.shared_covariance(),
+                (Some(all), None) => all,
+                (None, _) => Matrix3::identity() * config.sigma_rad.powi(2),
             })
             .collect();
         let peak = -1.5 * (TAU * config.sigma_rad.powi(2)).ln();

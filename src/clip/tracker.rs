@@ -25,8 +25,6 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use nalgebra::Matrix3;
-
 use super::sequence::{SequenceConfig, predict};
 use super::sequence_view::SequenceView;
 use crate::error::{Error, Result, require};
@@ -39,10 +37,8 @@ use crate::spin::shared::SharedError;
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
 use crate::vision::estimator::propose::NEARBY;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
-use crate::vision::frame::config::CameraDistance;
-use crate::vision::frame::estimate::FrameEstimate;
+use crate::vision::frame::estimate::{FrameEstimate, Pose, SeenFrom};
 use crate::vision::frame::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
-use crate::vision::optics::camera::BallCircle;
 use crate::vision::outline::circle::WHOLE;
 use crate::vision::outline::circle::coarse::CoarseSearch;
 use crate::vision::outline::path::OutlineMotion;
@@ -113,11 +109,9 @@ pub struct TrackerState<'a> {
 #[derive(Debug, Clone, Copy)]
 struct Seen {
     measurement: Measurement,
-    /// The covariance of its orientation.
-    covariance: Matrix3<f64>,
-    residual_rad: f64,
     /// From where, if the camera's intrinsics are unknown.
-    from: Option<(BallCircle, CameraDistance)>,
+    from: Option<SeenFrom>,
+    pose: Pose,
 }
 
 /// Follows one ball through the frames of a camera.
@@ -323,9 +317,8 @@ impl Tracker {
                 confidence: pose.confidence,
                 ..Measurement::new(time_s, pose.rotation)
             },
-            covariance: pose.covariance,
-            residual_rad: pose.residual_rad,
             from: self.frame.seen_from(),
+            pose: *pose,
         })
     }
 
@@ -333,29 +326,25 @@ impl Tracker {
     fn fit(&mut self) {
         let seen_from = self.window.iter().filter_map(|s| s.from);
         let last = seen_from.clone().next_back();
-        let view = last.and_then(|(circle, _)| SequenceView::about(circle.center, seen_from));
-        let turn = |seen: &Seen| Some(view?.turn(seen.from?.0.center));
+        let view = last.and_then(|one| SequenceView::about(one.circle.center, seen_from));
+        let place = |seen: &Seen| Some(view?.place(&seen.from?.circle, &seen.pose));
         self.turned.clear();
         self.turned.extend(self.window.iter().map(|seen| {
             let own = seen.measurement;
             Measurement {
-                orientation: turn(seen).unwrap_or_default().rotation() * own.orientation,
+                orientation: place(seen).map_or(own.orientation, |placed| placed.rotation),
                 ..own
             }
         }));
-        let shared = SharedError::of_residuals(self.window.iter().map(|s| s.residual_rad));
+        let shared = SharedError::of_residuals(self.window.iter().map(|s| s.pose.residual_rad));
         let turns = self.window.iter();
-        let turns = turns.filter_map(|seen| Some((seen.measurement.time_s, turn(seen)?)));
+        let turns = turns.filter_map(|seen| Some((seen.measurement.time_s, place(seen)?.turn)));
         let shared = SharedError::with_turns(shared, turns);
         self.fitter.set_shared(shared);
         self.spin = match self.pair() {
             Some(pair) => {
-                // Their own errors, in the frame that both are turned into.
-                let own = [self.window[0], self.window[1]].map(|seen| {
-                    let turn = turn(&seen).unwrap_or_default().rotation();
-                    let matrix = *turn.to_rotation_matrix().matrix();
-                    matrix * seen.covariance * matrix.transpose()
-                });
+                let own = [self.window[0], self.window[1]];
+                let own = own.map(|seen| place(&seen).map_or(seen.pose.covariance, |p| p.own()));
                 let max_rps = self.config.sequence.spin.max_rps;
                 pair::slowest(&pair, &own, shared.as_ref(), max_rps)
             }

@@ -20,8 +20,9 @@
 //!   from the quaternion to the true orientation;
 //! - `x_m,y_m,z_m`, m, of the camera's frame only: the center of the ball, also of rows without a quaternion whose outline was found, and
 //!   `cov_m2_xx,cov_m2_xy,cov_m2_xz,cov_m2_yy,cov_m2_yz,cov_m2_zz`, m^2, its covariance, in the same frame ([`Position`]);
-//! - `turn_x,turn_y,turn_sd_x,turn_sd_y`, rad, of view frames only: all rows are in one view frame, that of the ball in the middle of
-//!   its path; the turn from the row's own, and its deviation, one error that all rows share ([`ViewTurn`]);
+//! - `turn_x,turn_y,turn_z`, rad, of view frames only: all rows are in one view frame, that of the ball in the middle of its path; the turn from
+//!   the row's own; and `sd1_x` to `sd3_z`, rad: what one standard deviation of each of three independent errors of the camera, which all rows
+//!   share, does to the row's orientation ([`ViewTurn`]);
 //! - `ball`, of frames with several balls: the number of the ball, one of which is read; `table`, where there were several: that of the
 //!   ball; `flash`, of exposures with several flashes, whose rows are images of one ball: rows without a flash are none of them and are passed over, and of several exposures whose times
 //!   do not follow each other one is read.
@@ -35,7 +36,7 @@
 use std::io::{BufRead, Write};
 use std::path::Path;
 
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::Matrix3;
 
 use super::robust::SpinConfig;
 use super::shared::{SharedError, ViewTurn};
@@ -60,7 +61,7 @@ const LEAST_OWN: f64 = 0.5;
 const RESIDUAL_PRIOR_DOTS: f64 = 4.0;
 
 /// Number of columns.
-const COUNT: usize = 33;
+const COUNT: usize = 41;
 /// The columns, in the order in which they are written.
 static COLUMNS: Columns<COUNT> = Columns {
     names: [
@@ -92,8 +93,16 @@ static COLUMNS: Columns<COUNT> = Columns {
         "cov_m2_zz",
         "turn_x",
         "turn_y",
-        "turn_sd_x",
-        "turn_sd_y",
+        "turn_z",
+        "sd1_x",
+        "sd1_y",
+        "sd1_z",
+        "sd2_x",
+        "sd2_y",
+        "sd2_z",
+        "sd3_x",
+        "sd3_y",
+        "sd3_z",
         "ball",
         "table",
         "flash",
@@ -112,9 +121,9 @@ const TURN: usize = 26;
 const LISTED: usize = 8;
 /// The name of the frame; the number of the ball, its table and the number of the flash, of files with several balls.
 const FRAME: usize = 0;
-const BALL: usize = 30;
-const TABLE: usize = 31;
-const FLASH: usize = 32;
+const BALL: usize = 38;
+const TABLE: usize = 39;
+const FLASH: usize = 40;
 /// The same where the times come from elsewhere: only the quaternion is needed.
 static UNTIMED: Columns<COUNT> = Columns {
     names: COLUMNS.names,
@@ -176,10 +185,14 @@ impl Default for OrientationRow {
 }
 
 impl OrientationRow {
-    /// Root mean square deviation about the axes, radians, where the covariance is known: at least a tenth of a degree.
+    /// Root mean square deviation about the axes, radians, where the covariance is known, without what all rows share of the camera's
+    /// error: at least a tenth of a degree.
     fn sigma_rad(&self) -> Option<f64> {
-        let variance = self.covariance?.trace() / 3.0;
-        Some(variance.sqrt().max(MIN_SIGMA_RAD))
+        let all = self.covariance?.trace() / 3.0;
+        let shared = self
+            .turn
+            .map_or(0.0, |turn| turn.shared_covariance().trace() / 3.0);
+        Some((all - shared).max(0.0).sqrt().max(MIN_SIGMA_RAD))
     }
 }
 
@@ -633,8 +646,7 @@ impl<W: Write> OrientationWriter<W> {
             write!(self.to, ",{frame}")?;
             self.numbers(row.covariance.map(|c| UPPER.map(|at| c[at])))?;
             if frame.is_view() {
-                let turn = row.turn.map(|t| (t.turn_rad, t.deviation_rad));
-                self.numbers(turn.map(|(turn, sd)| [turn.x, turn.y, sd.x, sd.y]))?;
+                self.numbers(row.turn.map(|turn| turn.numbers()))?;
             } else {
                 self.numbers::<3>(row.position.map(|p| p.center_m.into()))?;
                 self.numbers(row.position.map(|p| UPPER.map(|at| p.covariance[at])))?;
@@ -778,11 +790,13 @@ fn position(row: &TableRow<'_, COUNT>) -> Field<Option<Position>> {
 
 /// The turn of a row's view frame, if it has one.
 fn turn(row: &TableRow<'_, COUNT>) -> Field<Option<ViewTurn>> {
-    let numbers = all_or_none::<4>(row, TURN, "turn_x to turn_sd_y")?;
-    Ok(numbers.map(|[x, y, sd_x, sd_y]| ViewTurn {
-        turn_rad: Vector2::new(x, y),
-        deviation_rad: Vector2::new(sd_x, sd_y),
-    }))
+    let of_earlier = row.number(TURN + 1)?.is_some() && row.number(TURN + 2)?.is_none();
+    if of_earlier {
+        let problem = "expected turn_x to sd3_z, found turn_y without turn_z: an earlier version wrote this file, estimate its images again";
+        return Err(problem.into());
+    }
+    let numbers = all_or_none(row, TURN, "turn_x to sd3_z")?;
+    Ok(numbers.map(|numbers| ViewTurn::of_numbers(&numbers)))
 }
 
 /// Numbers of a row that stand together from a column on.

@@ -92,7 +92,7 @@ pub fn slowest(
     let both = own + Matrix3::from_diagonal_element(drawn);
     let back = inverse_left_jacobian(&turn);
     let of_poses = back * both * back.transpose() / (interval_s * interval_s);
-    let of_view = shared.map_or(Matrix3::zeros(), |shared| shared.turn_rate_covariance);
+    let of_view = shared.map_or(Matrix3::zeros(), |shared| shared.of_spin(&spin));
     Ok(Fit {
         motion: ConstantSpin {
             time_s: first.time_s,
@@ -122,6 +122,8 @@ fn inverse_left_jacobian(turn: &Vec3) -> Matrix3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector6;
+
     use crate::geometry::{Rotation, random_rotation};
     use crate::spin::simulate::SharedField;
     use rand::{RngExt, SeedableRng};
@@ -164,8 +166,11 @@ mod tests {
         let sigma = 0.004;
         let covariances = [Matrix3::identity() * (sigma * sigma); 2];
         let view = Vec3::new(6.0, -4.0, 0.0);
+        // In the middle of the two the frame has turned by half of what it turns in all.
+        let half = view * 0.45e-3;
+        let line = Vector6::from_iterator(half.iter().chain(view.iter()).copied());
         let shared = SharedError {
-            turn_rate_covariance: view * view.transpose(),
+            turning: line * line.transpose(),
             ..SharedError::of_residuals([0.03].into_iter()).expect("a residual")
         };
         // From almost one side to sides that share little.

@@ -16,13 +16,12 @@
 //!
 //! # The turn of the view frame
 //! Orientations of a camera without intrinsics are in view frames, which turn as the ball crosses the picture; they are brought
-//! into one by the turns `n_i` about x and y ([`ViewTurn`]). These scale with the ball's distance, whose error makes
-//! all of them too long or too short by `d_i`. With the rates `n'` and `d'` at which they grow (straight lines by least squares), the spin
-//! is off by `d'`, and its covariance has the further term `d' d'^T`. Where the principal point is unknown, the ball may be seen an
-//! angle `a` off the optical axis, of deviation `s_a` along either image axis. Smallest rotations along a path that does not lead through the axis
-//! lack a roll of half the solid angle that they span with it, at the rate `a x n' / 2` about z: `s_a^2 |n'|^2 / 4` there.
+//! into one. What is uncertain of the camera, three numbers, is so in all frames alike: one standard deviation of the `j`-th of three
+//! independent errors turns the orientation at `t_i` by the rotation vector `s_j(t_i)` ([`ViewTurn`]). With `a_j` its mean and `b_j` the rate at
+//! which it grows (straight lines by least squares) a spin `w` is off by `b_j + a_j x w`, and its covariance has the further terms `(b_j + a_j x
+//! w)(b_j + a_j x w)^T`.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector6};
 
 use super::Measurement;
 use super::motion::Motion;
@@ -35,8 +34,6 @@ const MAX_FRAMES: usize = 128;
 const SHARED: f64 = 0.5;
 /// Over this angle the visible dots, and with them the shared error, change.
 const CORRELATION_RAD: f64 = 0.7;
-/// Deviation of the angle between an unknown optical axis and the ball, along either image axis, radians.
-const OFF_AXIS_RAD: f64 = 0.15;
 /// Frames with a smaller probability have no say.
 const MIN_PROBABILITY: f64 = 1e-3;
 
@@ -47,8 +44,9 @@ pub struct SharedError {
     pub sigma_rad: f64,
     /// Angle over which it changes, radians.
     pub correlation_rad: f64,
-    /// Covariance of the rate at which the frame of the orientations turns, which they cannot show, rad^2/s^2.
-    pub turn_rate_covariance: Matrix3<f64>,
+    /// Covariance of a turn of the frame of the orientations, rad, in the middle of their times, and of the rate at which it turns, rad/s:
+    /// neither do they show.
+    pub turning: Matrix6<f64>,
 }
 
 impl SharedError {
@@ -62,7 +60,7 @@ impl SharedError {
         (count > 0.0).then(|| Self {
             sigma_rad: SHARED * (0.5 * squares / count).sqrt(),
             correlation_rad: CORRELATION_RAD,
-            turn_rate_covariance: Matrix3::zeros(),
+            turning: Matrix6::zeros(),
         })
     }
 
@@ -72,16 +70,16 @@ impl SharedError {
         shared: Option<Self>,
         turns: impl Iterator<Item = (f64, ViewTurn)> + Clone,
     ) -> Option<Self> {
-        let Some(turn_rate_covariance) = turn_rate_covariance(turns) else {
+        let Some(turning) = turning(turns) else {
             return shared;
         };
         let none = Self {
             sigma_rad: 0.0,
             correlation_rad: CORRELATION_RAD,
-            turn_rate_covariance,
+            turning,
         };
         Some(Self {
-            turn_rate_covariance,
+            turning,
             ..shared.unwrap_or(none)
         })
     }
@@ -99,37 +97,74 @@ impl SharedError {
         let angle = a.dot(b).clamp(-1.0, 1.0).acos();
         (-0.5 * (angle / self.correlation_rad).powi(2)).exp()
     }
+
+    /// Covariance of the rate at which the frame turns, rad^2/s^2.
+    pub fn turn_rate_covariance(&self) -> Matrix3<f64> {
+        self.turning.fixed_view::<3, 3>(3, 3).into_owned()
+    }
+
+    /// What the frame's turn adds to the covariance of a spin.
+    pub(super) fn of_spin(&self, spin: &Vec3) -> Matrix3<f64> {
+        let mut by = SMatrix::<f64, 3, 6>::zeros();
+        by.fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&-spin.cross_matrix());
+        by.fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&Matrix3::identity());
+        by * self.turning * by.transpose()
+    }
 }
 
-/// The turn from the view frame of one orientation to the view frame that all of a sequence are in, about x and y.
+/// Independent errors of a camera that all frames of a sequence share.
+pub const CAMERA_ERRORS: usize = 3;
+
+/// The turn from the view frame of one orientation to the view frame that all of a sequence are in.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ViewTurn {
-    /// The turn that the orientation contains, a rotation vector without z, radians.
-    pub turn_rad: Vector2<f64>,
-    /// One standard deviation of it, radians: one error, common to all of the sequence.
-    pub deviation_rad: Vector2<f64>,
+    /// The turn that the orientation contains, a rotation vector, radians.
+    pub turn_rad: Vec3,
+    /// By how much the orientation is off, a rotation vector, radians, by one standard deviation of each of the camera's errors.
+    pub shared_rad: [Vec3; CAMERA_ERRORS],
 }
 
 impl ViewTurn {
-    /// The turn as a rotation.
-    pub fn rotation(&self) -> Rotation {
-        Rotation::from_scaled_axis(Vec3::new(self.turn_rad.x, self.turn_rad.y, 0.0))
-    }
-
     /// The same in other axes of the frame, or from them.
     pub fn in_axes(&self, axes: CameraFrame) -> Self {
-        let turned = |v: Vector2<f64>| (axes.turn() * Vec3::new(v.x, v.y, 0.0)).xy();
         Self {
-            turn_rad: turned(self.turn_rad),
-            deviation_rad: turned(self.deviation_rad),
+            turn_rad: axes.turn() * self.turn_rad,
+            shared_rad: self.shared_rad.map(|s| axes.turn() * s),
         }
+    }
+
+    /// Its numbers: the turn, and the errors one after another.
+    pub fn numbers(&self) -> [f64; Self::NUMBERS] {
+        let mut numbers = [0.0; Self::NUMBERS];
+        let vectors = std::iter::once(&self.turn_rad).chain(&self.shared_rad);
+        for (number, value) in numbers.iter_mut().zip(vectors.flat_map(Vec3::iter)) {
+            *number = *value;
+        }
+        numbers
+    }
+
+    /// Of its numbers.
+    pub fn of_numbers(numbers: &[f64; Self::NUMBERS]) -> Self {
+        let vector = |k: usize| Vec3::from_fn(|i, _| numbers[3 * k + i]);
+        Self {
+            turn_rad: vector(0),
+            shared_rad: [vector(1), vector(2), vector(3)],
+        }
+    }
+
+    /// How many numbers it has.
+    pub const NUMBERS: usize = 3 + 3 * CAMERA_ERRORS;
+
+    /// The covariance that all of a sequence share, rad^2.
+    pub fn shared_covariance(&self) -> Matrix3<f64> {
+        self.shared_rad.iter().map(|s| s * s.transpose()).sum()
     }
 }
 
-/// The covariance of the rate at which a sequence's view frame turns, rad^2/s^2; `None` for fewer than two turns.
-fn turn_rate_covariance(
-    turns: impl Iterator<Item = (f64, ViewTurn)> + Clone,
-) -> Option<Matrix3<f64>> {
+/// The covariance of the turn of a sequence's view frame and of its rate; `None` for fewer than two turns.
+fn turning(turns: impl Iterator<Item = (f64, ViewTurn)> + Clone) -> Option<Matrix6<f64>> {
     let (count, sum) = turns
         .clone()
         .fold((0.0, 0.0), |(n, sum), (t, _)| (n + 1.0, sum + t));
@@ -139,14 +174,16 @@ fn turn_rate_covariance(
     if spread.is_nan() || spread <= 0.0 {
         return None;
     }
-    let rate = |of: fn(&ViewTurn) -> Vector2<f64>| {
-        let products = turns.clone().map(|(t, turn)| of(&turn) * (t - middle));
-        products.sum::<Vector2<f64>>() / spread
-    };
-    let (turning, off) = (rate(|t| t.turn_rad), rate(|t| t.deviation_rad));
-    let off = Vec3::new(off.x, off.y, 0.0);
-    let mut covariance = off * off.transpose();
-    covariance[(2, 2)] += 0.25 * OFF_AXIS_RAD.powi(2) * turning.norm_squared();
+    let mut covariance = Matrix6::zeros();
+    for k in 0..CAMERA_ERRORS {
+        let (mut mean, mut rate) = (Vec3::zeros(), Vec3::zeros());
+        for (t, turn) in turns.clone() {
+            mean += turn.shared_rad[k] / count;
+            rate += turn.shared_rad[k] * ((t - middle) / spread);
+        }
+        let line = Vector6::from_iterator(mean.iter().chain(rate.iter()).copied());
+        covariance += line * line.transpose();
+    }
     Some(covariance)
 }
 

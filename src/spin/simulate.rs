@@ -10,7 +10,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::{Matrix6, Vector2};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -153,10 +153,11 @@ impl DrawnSequence {
         }
         let turns = self.measurements.iter().map(|m| {
             let turn_rad = turn_rad(m.time_s);
-            let deviation_rad = turn_rad * share;
+            let turn_rad = Vec3::new(turn_rad.x, turn_rad.y, 0.0);
+            let none = Vec3::zeros();
             let turn = ViewTurn {
                 turn_rad,
-                deviation_rad,
+                shared_rad: [turn_rad * share, none, none],
             };
             (m.time_s, turn)
         });
@@ -256,7 +257,7 @@ fn drawn_errors(exact_dots: bool, rng: &mut ChaCha8Rng) -> (f64, SharedError, Sh
     let shared = SharedError {
         sigma_rad: if exact_dots { 0.0 } else { off_rad },
         correlation_rad: 0.7,
-        turn_rate_covariance: Matrix3::zeros(),
+        turning: Matrix6::zeros(),
     };
     let field = SharedField::random(&shared, rng);
     (sigma_rad, shared, field)

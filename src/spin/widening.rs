@@ -127,8 +127,8 @@ pub(super) fn widened<M: Motion<P>, const P: usize>(
             ..*covariance
         };
     }
-    let by_turning = at.motion.by_turning();
-    widened.rates += by_turning * shared.turn_rate_covariance * by_turning.transpose();
+    let by_frame = at.motion.by_frame();
+    widened.rates += by_frame * shared.turning * by_frame.transpose();
     widened.rates[(2, 2)] += clock;
     Some((widened, lack_of_fit))
 }

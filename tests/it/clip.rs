@@ -166,7 +166,7 @@ fn what_a_mode_writes_is_one_row_in_every_form() {
     let path = dir.path().join("rows.csv");
     let text = std::fs::read_to_string(&path).unwrap();
     let (header, rows) = text.split_once('\n').unwrap();
-    assert!(header.ends_with(",turn_sd_y,ball,table"), "{header}");
+    assert!(header.ends_with(",sd3_z,ball,table"), "{header}");
     let names: Vec<&str> = header.split(',').collect();
     let number = |row: &str, name: &str| {
         let at = names.iter().position(|n| *n == name).unwrap();

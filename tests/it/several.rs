@@ -824,6 +824,7 @@ fn a_pose_by_a_foreign_table_is_taken_back_and_lost_balls_are_forgotten() {
             residual_rad: 0.01,
             residual_px: 0.3,
             distance: None,
+            view: None,
             position: None,
             hinted: false,
         });

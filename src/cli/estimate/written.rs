@@ -63,8 +63,8 @@ pub(super) fn add_orientation(row: &OrientationRow, axes: CameraFrame, json: &mu
         json["position_rotation_covariance_m_rad"] = json!(rows(&both));
     }
     if let Some(turn) = &row.turn {
-        json["view_turn_rad"] = json!([turn.turn_rad.x, turn.turn_rad.y]);
-        json["view_turn_std_rad"] = json!([turn.deviation_rad.x, turn.deviation_rad.y]);
+        json["view_turn_rad"] = json!(<[f64; 3]>::from(turn.turn_rad));
+        json["view_shared_rad"] = json!(turn.shared_rad.map(<[f64; 3]>::from));
     }
 }
 

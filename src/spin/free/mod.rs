@@ -26,7 +26,7 @@ use super::fitted::FittedMotion;
 use super::mixture::{ROTATION_VOLUME, inlier_probability, is_majority};
 use super::motion::{ConstantSpin, LocalFrame};
 use super::robust::{SpinConfig, TIE_MARGIN};
-use super::shared::shared_covariance;
+use super::shared::{SharedError, shared_covariance};
 use super::windows::spin_over_time;
 use super::{Fit, Measurement};
 use crate::geometry::{Rotation, Vec3, turned_covariance};
@@ -298,7 +298,7 @@ impl<'a> Setting<'a> {
         let steps = measurements.windows(2).map(|w| w[1].time_s - w[0].time_s);
         let step_s = median(&mut steps.collect::<Vec<_>>());
         let shared = config.shared.as_ref();
-        let turning = shared.map(|s| s.turn_rate_covariance);
+        let turning = shared.map(SharedError::turn_rate_covariance);
         let turning = turning.filter(|c| c.trace() > 0.0);
         let prior = Prior {
             change: 0.0,
@@ -483,7 +483,7 @@ impl<'a> Setting<'a> {
         let basis = LocalFrame::of(mean).basis;
         let tilt = tilt.map(|c| basis * c * basis.transpose());
         let tilt = tilt.filter(|c| c.trace() > path.mean.trace());
-        clock + shared.turn_rate_covariance + tilt.unwrap_or_default()
+        clock + shared.of_spin(mean) + tilt.unwrap_or_default()
     }
 }
 

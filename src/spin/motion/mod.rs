@@ -74,6 +74,21 @@ pub(super) trait Motion<const P: usize>: Copy {
         rates
     }
 
+    /// Derivative of the rates by a turn of that frame, and by the rate at which it turns: what is fixed in space turns with it, what is
+    /// fixed in the ball does not.
+    fn by_frame(&self) -> SMatrix<f64, P, 6> {
+        let LocalFrame { basis, rate } = self.local_frame();
+        let spin: Vec3 = basis.column(2) * rate;
+        let mut rates = SMatrix::<f64, P, 6>::zeros();
+        rates
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&(basis.transpose() * -spin.cross_matrix()));
+        rates
+            .fixed_columns_mut::<3>(3)
+            .copy_from(&self.by_turning());
+        rates
+    }
+
     /// The rates that may have a prior; 0 for all others.
     fn rates(&self) -> SVector<f64, P> {
         SVector::zeros()

@@ -6,6 +6,7 @@ use nalgebra::Matrix3;
 
 use super::config::CameraDistance;
 use super::outline::Outline;
+use super::view_evidence::ViewEvidence;
 use crate::geometry::{Position, Rotation};
 use crate::recognize::RecognizerRejection;
 use crate::vision::dots::detector::DotDetection;
@@ -48,6 +49,8 @@ pub struct Pose {
     pub residual_px: f64,
     /// How far the camera is, where the orientation is in the view frame: as estimated, or as given with the deviation 0.
     pub distance: Option<CameraDistance>,
+    /// What the frame says of the camera, where that is not known: what frames of one camera have in common.
+    pub view: Option<ViewEvidence>,
     /// The ball's center, fitted with the orientation, in the camera's frame; `None` where the intrinsics are not known.
     pub position: Option<Position>,
     /// Whether an expected orientation decided: the dots alone gave none, or another.
@@ -187,6 +190,17 @@ impl Axis {
     }
 }
 
+/// From where a ball is seen by a camera whose intrinsics are not known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeenFrom {
+    /// Its outline, corrected by the dots.
+    pub circle: BallCircle,
+    /// How far the camera is.
+    pub distance: CameraDistance,
+    /// What else the frame says of the camera.
+    pub evidence: Option<ViewEvidence>,
+}
+
 /// What an outline is worth before the dots within it are seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum Standing {
@@ -319,8 +333,13 @@ impl FrameEstimate {
     }
 
     /// The outline and the camera's distance of a pose in the view frame.
-    pub(crate) fn seen_from(&self) -> Option<(BallCircle, CameraDistance)> {
-        self.circle.zip(self.pose()?.distance)
+    pub(crate) fn seen_from(&self) -> Option<SeenFrom> {
+        let pose = self.pose()?;
+        Some(SeenFrom {
+            circle: self.circle?,
+            distance: pose.distance?,
+            evidence: pose.view,
+        })
     }
 
     /// Number of detections that have a name.

@@ -12,6 +12,7 @@ use crate::geometry::{Position, Rotation, Vec3, angle_between, turned_covariance
 use crate::vision::frame::config::{CameraDistance, CameraModel, EstimatorConfig};
 use crate::vision::frame::estimate::{Axis, FrameEstimate, Pose};
 use crate::vision::frame::position;
+use crate::vision::frame::view_evidence::ViewEvidence;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
 
 /// Of the turn, the outline, the distance and the axis.
@@ -62,6 +63,8 @@ pub(crate) struct Refined {
     pub position: Option<Position>,
     /// Ball radii over the camera's distance, where there are no intrinsics.
     pub distance: Option<CameraDistance>,
+    /// The same.
+    pub evidence: Option<ViewEvidence>,
     pub residual_rad: f64,
     pub residual_px: f64,
 }
@@ -77,6 +80,7 @@ impl Refined {
             residual_rad: self.residual_rad,
             residual_px: self.residual_px,
             distance: self.distance,
+            view: self.evidence,
             position: self.position,
             hinted,
         }
@@ -133,6 +137,15 @@ pub(crate) struct Prior {
 impl Prior {
     /// What it says at a view; `of_outline` is the inverse of the outline's covariance.
     fn equations(&self, of_outline: &Matrix3<f64>, view: &BallView) -> Equations {
+        let (mut all, camera) = (self.of_outline(of_outline, view), self.of_camera(view));
+        all.information += camera.information;
+        all.gradient += camera.gradient;
+        all.cost += camera.cost;
+        all
+    }
+
+    /// What the outline says.
+    fn of_outline(&self, of_outline: &Matrix3<f64>, view: &BallView) -> Equations {
         let (circle, now) = (&self.outline.0, view.circle());
         let moved = offset(circle.center, now.center);
         let (growth, by_eccentricity) = match circle.is_ellipse() {
@@ -147,26 +160,59 @@ impl Prior {
         let mut information = by.transpose() * of_outline * by;
         let mut gradient = by.transpose() * pull;
         let mut cost = back.dot(&pull);
+        if self.has_oval() {
+            cost += self.add_eccentricity(&mut information, &mut gradient, view);
+        }
+        Equations {
+            information,
+            gradient,
+            cost,
+        }
+    }
+
+    /// Whether the outline shows how far it is drawn out, and the dots may follow.
+    fn has_oval(&self) -> bool {
+        let is_unknown = matches!(self.camera, CameraModel::Unknown(_));
+        is_unknown && self.outline.0.is_ellipse() && self.drawn == Drawn::AsSeen
+    }
+
+    /// What the outline says of the eccentricity, or where it is a circle that most balls are near the axis. Minus two
+    /// log-likelihoods.
+    fn add_eccentricity(
+        &self,
+        information: &mut SMatrix<f64, PARAMETERS, PARAMETERS>,
+        gradient: &mut SVector<f64, PARAMETERS>,
+        view: &BallView,
+    ) -> f64 {
+        let circle = &self.outline.0;
+        let sigma = match self.drawn {
+            Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
+            // Dots that may lie anywhere about their places say nothing of the axis.
+            Drawn::AsStated => FIXED,
+        };
+        let away = circle.eccentricity - view.circle().eccentricity;
+        for k in 0..2 {
+            information[(7 + k, 7 + k)] += sigma.powi(-2);
+            gradient[7 + k] += away[k] / sigma.powi(2);
+        }
+        away.norm_squared() / sigma.powi(2)
+    }
+
+    /// What it says of the camera alone.
+    fn of_camera(&self, view: &BallView) -> Equations {
+        let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
+        let mut gradient = SVector::<f64, PARAMETERS>::zeros();
+        let mut cost = 0.0;
         match self.camera {
             CameraModel::Unknown(known) => {
                 information[(6, 6)] += known.sigma.powi(-2);
                 let away = known.inverse_distance - view.horizon();
                 gradient[6] = away / known.sigma.powi(2);
                 cost += (away / known.sigma).powi(2);
-                // Dots that may lie anywhere about their places say nothing of the axis.
-                let sigma = match self.drawn {
-                    Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
-                    Drawn::AsStated => FIXED,
-                };
                 let axis = self.axis.filter(|_| self.drawn == Drawn::AsSeen);
                 // Without an ellipse the picture says more of the axis than that most balls are near it.
-                if axis.is_none() || circle.is_ellipse() {
-                    let away = circle.eccentricity - now.eccentricity;
-                    for k in 0..2 {
-                        information[(7 + k, 7 + k)] += sigma.powi(-2);
-                        gradient[7 + k] += away[k] / sigma.powi(2);
-                    }
-                    cost += away.norm_squared() / sigma.powi(2);
+                if axis.is_none() && !self.has_oval() {
+                    cost += self.add_eccentricity(&mut information, &mut gradient, view);
                 }
                 if let Some(axis) = axis {
                     cost += axis.add_to(&mut information, &mut gradient, view);
@@ -339,6 +385,7 @@ impl Refiner {
                     sigma: 0.0,
                 }),
             },
+            evidence: self.evidence(names, &prior, &state, frame, matches),
             residual_rad: (angles / count).sqrt(),
             residual_px: (distances / count).sqrt(),
         })
@@ -388,6 +435,23 @@ impl Refiner {
         let far = far.map(|state| (state, other));
         let both = near.into_iter().chain(far);
         both.min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))
+    }
+
+    /// What dots and outline say of a camera that is not known, about a solution.
+    fn evidence(
+        &self,
+        names: &[Vec3],
+        prior: &Prior,
+        state: &State,
+        frame: &FrameEstimate,
+        matches: &[Match],
+    ) -> Option<ViewEvidence> {
+        let CameraModel::Unknown(expected) = prior.camera else {
+            return None;
+        };
+        let mut seen = prior.of_outline(&prior.outline.1.try_inverse()?, &state.view);
+        self.add_dots(names, prior, state, frame, matches, &mut seen)?;
+        ViewEvidence::new(&seen.information, &seen.gradient, expected, prior.axis)
     }
 
     fn fit(

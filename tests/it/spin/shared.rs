@@ -7,13 +7,13 @@ use rand_distr::StandardNormal;
 use spindoe::geometry::{Rotation, Vec3, random_rotation};
 use spindoe::spin::Measurement;
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
-use spindoe::spin::shared::SharedError;
+use spindoe::spin::shared::{SharedError, ViewTurn};
 use spindoe::spin::simulate::SharedField;
 
 const SHARED: SharedError = SharedError {
     sigma_rad: 0.01,
     correlation_rad: 0.7,
-    turn_rate_covariance: nalgebra::Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    turning: nalgebra::Matrix6::from_array_storage(nalgebra::ArrayStorage([[0.0; 6]; 6])),
 };
 /// Independent noise of each frame.
 const NOISE: f64 = 0.004;
@@ -81,4 +81,58 @@ fn the_covariance_covers_what_frames_share() {
         // As if frames were independent, the covariance of many is far too small.
         assert!(frames < 30 || without > 2.0 * MEDIAN, "{frames}: {without}");
     }
+}
+
+/// Orientations that one standard deviation of a camera's error has turned have a spin that is off by as much as the covariance says.
+#[test]
+fn a_turn_that_all_share_moves_the_spin_as_its_covariance_says() {
+    // A fraction of a turn: over many of them the part of the rate across the spin averages out.
+    let spin = Vec3::new(6.0, -3.0, 4.5);
+    let (turn, rate) = (Vec3::new(2e-2, -1e-2, 3e-2), Vec3::new(0.05, 0.1, -0.08));
+    let (frames, fps) = (40, 400.0);
+    let middle_s = 0.5 * f64::from(frames - 1) / fps;
+    let off = |time_s: f64| turn + rate * (time_s - middle_s);
+    let start = random_rotation(&mut ChaCha8Rng::seed_from_u64(5910));
+    let seen = |share: f64| -> Vec<Measurement> {
+        let times = (0..frames).map(|i| f64::from(i) / fps);
+        let one = |time_s: f64| {
+            let truth = Rotation::from_scaled_axis(spin * time_s) * start;
+            Measurement::new(
+                time_s,
+                Rotation::from_scaled_axis(off(time_s) * share) * truth,
+            )
+        };
+        times.map(one).collect()
+    };
+    let fit = |shared: Option<SharedError>, share: f64| {
+        let config = SpinConfig {
+            shared,
+            sigma_rad: NOISE,
+            ..SpinConfig::default()
+        };
+        let fit = RobustEstimator::new(config).fit(&seen(share));
+        fit.expect("a spin")
+    };
+    let turns = (0..frames).map(|i| {
+        let time_s = f64::from(i) / fps;
+        let view = ViewTurn {
+            shared_rad: [off(time_s), Vec3::zeros(), Vec3::zeros()],
+            ..ViewTurn::default()
+        };
+        (time_s, view)
+    });
+    let shared = SharedError::with_turns(None, turns);
+    let moved = fit(None, 1.0).motion.spin - spin;
+    let expected = rate + turn.cross(&spin);
+    assert!(
+        (moved - expected).norm() < 0.05 * expected.norm(),
+        "{moved} {expected}"
+    );
+    let covariance = |shared| fit(shared, 0.0).spin_covariance.expect("a covariance");
+    let added = covariance(shared) - covariance(None);
+    let outer = expected * expected.transpose();
+    assert!(
+        (added - outer).norm() < 1e-3 * outer.norm(),
+        "{added} {outer}"
+    );
 }

@@ -144,6 +144,7 @@ fn hinted(rotation: Rotation) -> Pose {
         residual_rad: 0.01,
         residual_px: 0.3,
         distance: None,
+        view: None,
         position: None,
         hinted: true,
     }
