@@ -259,8 +259,8 @@ fn the_spin_is_as_well_known_as_its_covariance_says() {
         distances.len()
     );
     assert!(10 * distances.len() >= 9 * clips);
-    // Somewhat too large for balls that are drawn better than most.
-    assert!(median > 0.25 * MEDIAN && median < 1.3 * MEDIAN, "{median}");
+    // Too large for balls that are drawn better than most, and on the axis, which a crop does not say.
+    assert!(median > 0.2 * MEDIAN && median < 1.3 * MEDIAN, "{median}");
     assert!(beyond <= few_or_all(2, 3), "{beyond}");
 }
 
