@@ -51,8 +51,6 @@ const MARGIN: (f64, f64, f64) = (1.2, 2.5, 1.0);
 const MIN_PIXELS: usize = 16;
 /// More pixels add nothing but time: of a larger dot, away from its edge, every second, third, ... row and column is read.
 const MANY_PIXELS: f64 = 150.0;
-/// Of still more every second, third, ... is read at its edge, too: what the model leaves out is larger than what their noise adds.
-const MOST_PIXELS: usize = 240;
 /// Capacity for the pixels of a dot beforehand.
 const EXPECTED_PIXELS: usize = 4096;
 /// Degrees of freedom of the pixels' distribution.
@@ -279,12 +277,6 @@ impl CapFitter {
                 }
             }
         }
-        let every = self.samples.len().div_ceil(MOST_PIXELS);
-        let mut count = 0;
-        self.samples.retain(|_| {
-            count += 1;
-            count % every == 0
-        });
         (self.samples.len() >= MIN_PIXELS).then_some(())
     }
 
