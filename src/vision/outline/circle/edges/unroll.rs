@@ -148,7 +148,7 @@ impl Unrolled {
     fn read(&mut self, image: &GrayImage, begin: f64, count: usize) -> OfRays<usize> {
         let (right, bottom) = ((image.width() - 1) as f64, (image.height() - 1) as f64);
         let mut read = [0; RAYS];
-        for ray in 0..RAYS {
+        for (ray, read) in read.iter_mut().enumerate() {
             let [cos, sin] = self.directions[ray];
             for k in 0..count {
                 let radius = begin + k as f64 / FINE;
@@ -157,7 +157,7 @@ impl Unrolled {
                     break;
                 }
                 self.values[k][ray] = image.sample(u, v);
-                read[ray] = k + 1;
+                *read = k + 1;
             }
         }
         read
