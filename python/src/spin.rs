@@ -109,8 +109,8 @@ pub fn covariance(rows: &ArrayViewD<'_, f64>, i: usize) -> PyResult<Matrix3<f64>
 
 /// The turn of row `i`.
 fn view_turn(rows: &ArrayViewD<'_, f64>, i: usize) -> PyResult<ViewTurn> {
-    let numbers = std::array::from_fn(|k| rows[[i, k]]);
-    if !numbers.iter().all(|x: &f64| x.is_finite()) {
+    let numbers: [f64; ViewTurn::NUMBERS] = std::array::from_fn(|k| rows[[i, k]]);
+    if !numbers.iter().all(|x| x.is_finite()) {
         let problem = format!("row {i}: expected finite numbers");
         return Err(value_error("view_turns_rad", problem));
     }
