@@ -11,7 +11,10 @@ use crate::arrays::{Numbers, require_shape, rotation};
 use crate::errors::{OrRaise, value_error};
 use crate::spin::covariance;
 
-/// The rows of FicTrac for orientations in `frame`: their columns' names, their numbers (rows, 25), and the file's text.
+/// Names of the columns, numbers (rows, 25), and the file's text.
+type Rows<'py> = (Vec<&'static str>, Bound<'py, PyArray2<f64>>, String);
+
+/// The rows of FicTrac for orientations in `frame`.
 #[pyfunction]
 #[pyo3(signature = (times_s, quaternions, covariances, frame, c2a_r, max_bad_frames))]
 pub fn fictrac_rows<'py>(
@@ -22,7 +25,7 @@ pub fn fictrac_rows<'py>(
     frame: &str,
     c2a_r: Option<[f64; 3]>,
     max_bad_frames: Option<i64>,
-) -> PyResult<(Vec<&'static str>, Bound<'py, PyArray2<f64>>, String)> {
+) -> PyResult<Rows<'py>> {
     require_shape("times_s", &times_s, &[None])?;
     let count = times_s.shape()[0];
     if quaternions.shape() != [count, 4] {
