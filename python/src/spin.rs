@@ -308,7 +308,11 @@ pub fn fit_spin<'py>(
         )?;
     }
     if let Some(turns) = &view_turns {
-        require_shape("view_turns_rad", turns, &[Some(count), Some(4)])?;
+        require_shape(
+            "view_turns_rad",
+            turns,
+            &[Some(count), Some(ViewTurn::NUMBERS)],
+        )?;
     }
     let covariances = covariances.as_ref().map(|c| c.as_array());
     let turns = view_turns.as_ref().map(|t| t.as_array());
