@@ -103,9 +103,10 @@ fn frames_of_16_pixels_help_each_other() {
             }
         }
     }
-    // 69 % and 85 % of 720 others are right (docs/measurements/detector.md); frames of a clip are not independent.
+    // 69 % and 85 % of the frames of 60 others are right (`bench small`, seed 63400001): of seven clips six are found nearly whole, and one hardly
+    // at all. Three such of six would be rare.
     assert!(
-        right >= before + 3 && right >= 43,
+        right >= before + 5 && right >= 36,
         "{before}, then {right} of 60"
     );
     assert!(wrong <= 1, "{wrong} wrong");
