@@ -114,9 +114,9 @@ def test_a_trackers_covariance_counts_shared_errors(clip, estimator):
         times[-8:], quaternions, residuals_rad=[pose.residual_rad for pose in window], **given
     )
     assert state.spin and plain and shared
-    # But for the view frame, which hardly turns here.
-    assert np.abs(state.spin.spin_rad_s - shared.spin_rad_s).max() < 0.2
-    assert np.abs(state.spin.covariance - shared.covariance).max() < 0.05 * np.trace(shared.covariance)
+    # But for the view frame, which hardly turns here, and the camera, which the poses have in common: its error counts, too.
+    assert np.abs(state.spin.spin_rad_s - shared.spin_rad_s).max() < 0.5
+    assert np.linalg.eigvalsh(state.spin.covariance - shared.covariance).min() > -0.05 * np.trace(shared.covariance)
     assert np.all(np.linalg.eigvalsh(state.spin.covariance - plain.covariance) > 0.0)
 
 
