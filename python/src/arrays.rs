@@ -53,6 +53,24 @@ pub fn require_shape(name: &str, array: &Numbers<'_>, shape: &[Option<usize>]) -
     }
 }
 
+/// The number of orientations with times: of `n` times there are `(n, 4)` quaternions, rows of NaN among them.
+pub fn require_orientations(
+    name: &str,
+    times_s: &Numbers<'_>,
+    quaternions: &Numbers<'_>,
+) -> PyResult<usize> {
+    require_shape("times_s", times_s, &[None])?;
+    let count = times_s.shape()[0];
+    if quaternions.shape() != [count, 4] {
+        let problem = format!(
+            "expected shape ({count}, 4), found {:?}",
+            quaternions.shape()
+        );
+        return Err(value_error(name, problem));
+    }
+    Ok(count)
+}
+
 /// Rows of three numbers.
 pub fn vectors(name: &str, array: &Numbers<'_>) -> PyResult<Vec<Vec3>> {
     require_shape(name, array, &[None, Some(3)])?;

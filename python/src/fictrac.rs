@@ -1,13 +1,13 @@
 //! Orientations as FicTrac's rows.
 
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
 use spindoe::geometry::CameraFrame;
 use spindoe::spin::fictrac::{self, COLUMNS, FicTracConfig, NAMES};
 use spindoe::spin::orientations::{OrientationRow, Orientations};
 
-use crate::arrays::{Numbers, require_shape, rotation};
+use crate::arrays::{Numbers, require_orientations, require_shape, rotation};
 use crate::errors::{OrRaise, value_error};
 use crate::spin::covariance;
 
@@ -20,21 +20,13 @@ type Rows<'py> = (Vec<&'static str>, Bound<'py, PyArray2<f64>>, String);
 pub fn fictrac_rows<'py>(
     py: Python<'py>,
     times_s: Numbers<'py>,
-    quaternions: PyReadonlyArrayDyn<'py, f64>,
+    quaternions: Numbers<'py>,
     covariances: Option<Numbers<'py>>,
     frame: &str,
     c2a_r: Option<[f64; 3]>,
     max_bad_frames: Option<i64>,
 ) -> PyResult<Rows<'py>> {
-    require_shape("times_s", &times_s, &[None])?;
-    let count = times_s.shape()[0];
-    if quaternions.shape() != [count, 4] {
-        let problem = format!(
-            "expected shape ({count}, 4), found {:?}",
-            quaternions.shape()
-        );
-        return Err(value_error("quaternions_wxyz", problem));
-    }
+    let count = require_orientations("quaternions_wxyz", &times_s, &quaternions)?;
     if let Some(covariances) = &covariances {
         let shape = [Some(count), Some(3), Some(3)];
         require_shape("covariances_rad2", covariances, &shape)?;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::Matrix3;
 use numpy::ndarray::{Array2, ArrayViewD, arr1};
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use spindoe::Vec3;
 use spindoe::geometry::{CameraFrame, to_wxyz, turned_covariance};
@@ -19,7 +19,8 @@ use spindoe::spin::shared::ViewTurn;
 use spindoe::spin::{Fit, Measurement};
 
 use crate::arrays::{
-    Numbers, block3, blocks3, matrix3, quaternion, require_shape, rotation, square, vector,
+    Numbers, block3, blocks3, matrix3, quaternion, require_orientations, require_shape, rotation,
+    square, vector,
 };
 use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
 use crate::work::abandonable;
@@ -288,15 +289,7 @@ pub fn fit_spin<'py>(
     prior: Option<(f64, f64)>,
     quatera: Option<(usize, usize, f64, usize)>,
 ) -> PyResult<Answer<Found<'py>>> {
-    require_shape("times_s", &times_s, &[None])?;
-    let count = times_s.shape()[0];
-    if quaternions.shape() != [count, 4] {
-        let problem = format!(
-            "expected shape ({count}, 4), found {:?}",
-            quaternions.shape()
-        );
-        return Err(value_error("quaternions", problem));
-    }
+    let count = require_orientations("quaternions", &times_s, &quaternions)?;
     if let Some(confidences) = &confidences {
         require_shape("confidences", confidences, &[Some(count)])?;
     }

@@ -48,7 +48,7 @@ pub fn orientations(
         let pose = estimate.pose();
         let place = |view: SequenceView| Some(view.place(&estimate.circle?, pose?));
         let placed = view.and_then(place);
-        let seen = placed.map(|p| (p.rotation, p.covariance));
+        let seen = placed.map(|p| (p.rotation, p.covariance()));
         let seen = seen.or(pose.map(|p| (p.rotation, p.covariance)));
         OrientationRow {
             frame: named.name.to_owned(),

@@ -127,16 +127,16 @@ pub struct SequenceView {
 pub struct InSequence {
     /// Pattern to the sequence's view frame.
     pub rotation: Rotation,
-    /// Its covariance, in that frame, rad^2.
-    pub covariance: Matrix3<f64>,
+    /// Its covariance, in that frame, rad^2, without what all of the sequence share.
+    pub own: Matrix3<f64>,
     /// The turn that it contains, and what is uncertain in all alike.
     pub turn: ViewTurn,
 }
 
 impl InSequence {
-    /// The covariance without what all orientations of the sequence share.
-    pub(crate) fn own(&self) -> Matrix3<f64> {
-        self.covariance - self.turn.shared_covariance()
+    /// Its whole covariance, rad^2.
+    pub fn covariance(&self) -> Matrix3<f64> {
+        self.own + self.turn.shared_covariance()
     }
 }
 
@@ -179,13 +179,14 @@ impl SequenceView {
 
     /// The orientation of a frame in the view frame of the reference, with what all frames say of their camera.
     pub fn place(&self, circle: &BallCircle, pose: &Pose) -> InSequence {
+        let alone = seen_alone(circle, pose.distance.map_or(0.0, |d| d.inverse_distance));
         let near = pose.view.filter(|view| {
-            let off = self.camera.sees(circle) - seen_alone(circle, pose);
+            let off = self.camera.sees(circle) - alone;
             off.dot(&(view.information * off)) < ASTRAY
         });
         let seen = |camera: &Pinhole| {
             let own = near.map_or(Vec3::zeros(), |view| {
-                view.gain * (camera.sees(circle) - seen_alone(circle, pose))
+                view.gain * (camera.sees(circle) - alone)
             });
             turn_by(camera, circle.center, self.reference) * Rotation::from_scaled_axis(own)
         };
@@ -199,10 +200,9 @@ impl SequenceView {
             (there * back.inverse()).scaled_axis() / (2.0 * part)
         });
         let own = near.map_or(pose.covariance, |view| view.own);
-        let shared = shared_rad.iter().map(|s| s * s.transpose());
         InSequence {
             rotation: turn * pose.rotation,
-            covariance: turned_covariance(&turn, &own) + shared.sum::<Matrix3<f64>>(),
+            own: turned_covariance(&turn, &own),
             turn: ViewTurn {
                 turn_rad: self.turn(circle.center).scaled_axis(),
                 shared_rad,
@@ -217,9 +217,12 @@ fn turn_by(camera: &Pinhole, center: Pixel, reference: Pixel) -> Rotation {
 }
 
 /// Inverse distance and eccentricity as a frame has them alone.
-fn seen_alone(circle: &BallCircle, pose: &Pose) -> Vec3 {
-    let k = pose.distance.map_or(0.0, |d| d.inverse_distance);
-    Vec3::new(k, circle.eccentricity.x, circle.eccentricity.y)
+fn seen_alone(circle: &BallCircle, inverse_distance: f64) -> Vec3 {
+    Vec3::new(
+        inverse_distance,
+        circle.eccentricity.x,
+        circle.eccentricity.y,
+    )
 }
 
 /// A camera, and a root of its covariance.
@@ -292,11 +295,7 @@ impl Part {
         } = one;
         let by = camera.by_steps(circle);
         let now = camera.sees(circle);
-        let alone = Vec3::new(
-            distance.inverse_distance,
-            circle.eccentricity.x,
-            circle.eccentricity.y,
-        );
+        let alone = seen_alone(circle, distance.inverse_distance);
         let of_distance = by.row(0).transpose();
         let Some(view) = evidence else {
             // A distance that is given.
@@ -441,6 +440,6 @@ mod tests {
             placed.turn.shared_rad.iter().all(|s| s.norm() < 2e-3),
             "{placed:?}"
         );
-        assert!((placed.covariance - pose.covariance).norm() < 1e-5);
+        assert!((placed.covariance() - pose.covariance).norm() < 1e-5);
     }
 }

@@ -33,7 +33,7 @@ use crate::recognize::Hint;
 use crate::spin::clock::Clock;
 use crate::spin::pair;
 use crate::spin::robust::RobustEstimator;
-use crate::spin::shared::SharedError;
+use crate::spin::shared::{SharedError, ViewTurn};
 use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
 use crate::vision::estimator::propose::NEARBY;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
@@ -126,6 +126,8 @@ pub struct Tracker {
     window: VecDeque<Seen>,
     /// The window's orientations in one frame.
     turned: Vec<Measurement>,
+    /// Their times and the turns that they contain.
+    turns: Vec<(f64, ViewTurn)>,
     frame: FrameEstimate,
     motion: OutlineMotion,
     /// Frames since the last pose.
@@ -151,6 +153,7 @@ impl Tracker {
             fitter: RobustEstimator::new(config.sequence.spin),
             window: VecDeque::with_capacity(config.window + 1),
             turned: Vec::with_capacity(config.window),
+            turns: Vec::with_capacity(config.window),
             frame: FrameEstimate::default(),
             motion: OutlineMotion::default(),
             missed: 0,
@@ -329,22 +332,23 @@ impl Tracker {
         let view = last.and_then(|one| SequenceView::about(one.circle.center, seen_from));
         let place = |seen: &Seen| Some(view?.place(&seen.from?.circle, &seen.pose));
         self.turned.clear();
-        self.turned.extend(self.window.iter().map(|seen| {
-            let own = seen.measurement;
-            Measurement {
-                orientation: place(seen).map_or(own.orientation, |placed| placed.rotation),
+        self.turns.clear();
+        for seen in &self.window {
+            let (own, placed) = (seen.measurement, place(seen));
+            self.turned.push(Measurement {
+                orientation: placed.map_or(own.orientation, |placed| placed.rotation),
                 ..own
-            }
-        }));
+            });
+            self.turns
+                .extend(placed.map(|placed| (own.time_s, placed.turn)));
+        }
         let shared = SharedError::of_residuals(self.window.iter().map(|s| s.pose.residual_rad));
-        let turns = self.window.iter();
-        let turns = turns.filter_map(|seen| Some((seen.measurement.time_s, place(seen)?.turn)));
-        let shared = SharedError::with_turns(shared, turns);
+        let shared = SharedError::with_turns(shared, self.turns.iter().copied());
         self.fitter.set_shared(shared);
         self.spin = match self.pair() {
             Some(pair) => {
                 let own = [self.window[0], self.window[1]];
-                let own = own.map(|seen| place(&seen).map_or(seen.pose.covariance, |p| p.own()));
+                let own = own.map(|seen| place(&seen).map_or(seen.pose.covariance, |p| p.own));
                 let max_rps = self.config.sequence.spin.max_rps;
                 pair::slowest(&pair, &own, shared.as_ref(), max_rps)
             }

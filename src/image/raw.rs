@@ -222,16 +222,7 @@ impl<'a> RawImage<'a> {
         let side = 1 << level;
         let row = self.row(samples, v, left, sums.len() * side);
         for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(3 * side)) {
-            let mut totals = [0u32; 3];
-            for pixel in cell.chunks_exact(3) {
-                for (total, &sample) in totals.iter_mut().zip(pixel) {
-                    *total += sample.into();
-                }
-            }
-            if self.pixel == RawPixel::Bgr {
-                totals.reverse();
-            }
-            for (sum, total) in sum.iter_mut().zip(totals) {
+            for (sum, total) in sum.iter_mut().zip(self.totals(cell)) {
                 *sum += total as f32;
             }
         }
@@ -264,19 +255,25 @@ impl<'a> RawImage<'a> {
             }
             _ => {
                 for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(3 * side)) {
-                    let mut totals = [0u32; 3];
-                    for pixel in cell.chunks_exact(3) {
-                        for (total, &sample) in totals.iter_mut().zip(pixel) {
-                            *total += sample.into();
-                        }
-                    }
-                    if self.pixel == RawPixel::Bgr {
-                        totals.reverse();
-                    }
-                    *sum += luma(totals.map(share::<T>));
+                    *sum += luma(self.totals(cell).map(share::<T>));
                 }
             }
         }
+    }
+
+    /// The sums of red, green and blue over pixels in colors.
+    #[inline]
+    fn totals<T: Sample>(&self, pixels: &[T]) -> [u32; 3] {
+        let mut totals = [0u32; 3];
+        for pixel in pixels.chunks_exact(3) {
+            for (total, &sample) in totals.iter_mut().zip(pixel) {
+                *total += sample.into();
+            }
+        }
+        if self.pixel == RawPixel::Bgr {
+            totals.reverse();
+        }
+        totals
     }
 
     /// The samples of a row between two columns.
