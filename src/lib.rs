@@ -11,8 +11,9 @@
 //! Imports run from left to right only:
 //! [`geometry`] <- [`pattern`] <- [`ball`] (what all others are made for) <- [`view`] <- [`recognize`] <- [`validate`] <- [`design`];
 //! [`pipeline`] (work on a stream) serves [`recognize`];
-//! [`stencil`], [`mark`], [`spin`], [`vision`] (from an image to an orientation) and [`clip`] (all frames of one) stand beside them,
-//! [`dataset`] (flights of many), [`plot`], [`report`] and [`cli`] on top.
+//! [`stencil`], [`mark`], [`spin`], [`vision`] (from an image to an orientation), [`surface`] (a map of all that is on a ball, by the
+//! frames of a clip) and [`clip`] (all frames of one) stand beside them, [`dataset`] (flights of many), [`plot`], [`report`] and [`cli`]
+//! on top.
 //!
 //! # Conventions
 //! The library takes radians and SI units. Camera frame: x right, y up, z from the ball towards the
@@ -137,6 +138,8 @@ pub mod dataset;
 pub mod design;
 mod error;
 pub mod files;
+#[cfg(feature = "vision")]
+mod fit;
 pub mod geometry;
 #[cfg(feature = "vision")]
 pub mod image;
@@ -156,6 +159,8 @@ pub mod source;
 pub mod spin;
 pub mod stats;
 pub mod stencil;
+#[cfg(feature = "vision")]
+pub mod surface;
 #[cfg(feature = "vision")]
 pub mod synth;
 pub mod validate;

@@ -7,7 +7,7 @@
 //!   "Improved confidence intervals for the difference between binomial proportions based on paired
 //!   data", Statistics in Medicine 17, 1998, method 10), which keeps its width where hardly any
 //!   trial differs,
-//! - [`median`] and [`quantile`] of a sample, [`biweight`] against its outliers,
+//! - [`median`] and [`quantile`] of a sample,
 //! - [`sign_test`], whether one of two passes more of the trials that only one passes,
 //! - [`normal_cdf`], the distribution function of the standard normal distribution.
 //!
@@ -180,24 +180,6 @@ pub fn median(values: &mut [f64]) -> f64 {
         _ if values.len() % 2 == 1 => values[mid],
         _ => 0.5 * (values[mid - 1] + values[mid]),
     }
-}
-
-/// The standard deviation of normal residuals by the median of their sizes, each counted by its weight: `[size, weight]`. 0 for none. Reorders
-/// its input.
-pub fn weighted_sigma(sizes: &mut [[f64; 2]]) -> f64 {
-    sizes.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
-    let half = 0.5 * sizes.iter().map(|s| s[1]).sum::<f64>();
-    let mut below = 0.0;
-    let middle = sizes.iter().find(|[_, weight]| {
-        below += weight;
-        below >= half
-    });
-    SIGMA_PER_MAD * middle.map_or(0.0, |m| m[0])
-}
-
-/// Tukey's biweight of a residual over its reach: 1 for none, 0 from the reach on.
-pub fn biweight(over_reach: f64) -> f64 {
-    (1.0 - over_reach * over_reach).max(0.0).powi(2)
 }
 
 /// The probability that of trials which only one of two passes, where chance alone decides which, the other passes

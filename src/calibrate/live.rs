@@ -14,8 +14,8 @@ use super::unknown::{
 use crate::ball::Ball;
 use crate::error::{Error, Result};
 use crate::image::Picture;
+use crate::surface::PaintedFrame;
 use crate::vision::estimator::EstimatorWorkspace;
-use crate::vision::painted::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate, Prior};
 
 /// Frames before the first survey, and by how much the clip grows between two.

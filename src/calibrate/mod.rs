@@ -54,6 +54,7 @@
 //! ```
 
 mod bundle;
+mod clip_dot;
 mod config;
 mod fitted;
 mod holdout;

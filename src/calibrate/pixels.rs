@@ -4,14 +4,14 @@
 //! frame that it faces, detected there or not, and dots, frames and camera are fitted to what the pixels show ([`find_dots`],
 //! [`Bundle`]).
 
-use super::bundle::{Bundle, BundleFrame, DotFit, DotPrior, FrameView, MIN_OBSERVED, Observation};
+use super::bundle::{Bundle, BundleFrame, DotFit, FrameView, Observation};
 use super::result::rms_sigma_rad;
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3};
 use crate::stats::median;
+use crate::surface::{ExpectedDot, FoundDot, PaintedFrame, find_dots};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::outline::Outline;
-use crate::vision::painted::{ExpectedDot, FoundDot, PaintedFrame, find_dots};
 
 /// A view faces a dot well enough for its pixels to be looked at from this depth on, and its radius, radians, more: of a dot at the limb a part is out
 /// of sight.
@@ -105,9 +105,9 @@ pub(super) fn by_pixels(
                 dot.is_measured = true;
             }
         }
-        let priors = dots.iter().map(|d| DotPrior::free(&d.direction));
-        let (which, fitted) = observed(&frames, &seen, &dots, &found);
-        let mut bundle = Bundle::new(priors.collect(), fitted, camera);
+        let fitted = observed(&frames, &seen, &dots, &found);
+        let directions = dots.iter().map(|d| d.direction);
+        let (mut bundle, which) = Bundle::of_free_dots(directions, fitted.enumerate(), camera);
         bundle.fit(smooth);
         for (k, fitted) in which.into_iter().zip(&bundle.frames) {
             let frame = &mut frames[k];
@@ -159,15 +159,14 @@ fn sightings(frame: &PosedFrame<'_>, dots: &[Sized]) -> Vec<Sighting> {
     sightings.collect()
 }
 
-/// What fixes the dots in the frames that show enough of them, with the places of these frames: their pixels, and for dots that few frames' pixels show, their
-/// detections.
-fn observed(
-    frames: &[PosedFrame<'_>],
-    seen: &[Vec<Sighting>],
-    dots: &[Sized],
-    found: &[Vec<&Sighting>],
-) -> (Vec<usize>, Vec<BundleFrame>) {
-    let of_frame = |(k, (frame, seen)): (usize, (&PosedFrame<'_>, &Vec<Sighting>))| {
+/// What fixes the dots in the frames: their pixels, and for dots that few frames' pixels show, their detections.
+fn observed<'a>(
+    frames: &'a [PosedFrame<'_>],
+    seen: &'a [Vec<Sighting>],
+    dots: &'a [Sized],
+    found: &'a [Vec<&Sighting>],
+) -> impl Iterator<Item = BundleFrame> + 'a {
+    let of_frame = move |(frame, seen): (&PosedFrame<'_>, &Vec<Sighting>)| {
         let by_pixels = seen.iter().map(|s| Observation {
             dot: s.dot,
             pixel: s.found.pixel,
@@ -180,15 +179,13 @@ fn observed(
         };
         let detected = frame.detected.iter().filter(is_needed).copied();
         let observations: Vec<Observation> = by_pixels.chain(detected).collect();
-        let fitted = BundleFrame {
+        BundleFrame {
             time_s: frame.time_s,
             rotation: frame.rotation,
             circle: *frame.view.view.circle(),
             outline: frame.outline,
             observations,
-        };
-        (fitted.observations.len() >= MIN_OBSERVED).then_some((k, fitted))
+        }
     };
-    let all = frames.iter().zip(seen).enumerate();
-    all.filter_map(of_frame).unzip()
+    frames.iter().zip(seen).map(of_frame)
 }

@@ -2,18 +2,14 @@
 
 use nalgebra::Matrix2;
 
-use super::bundle::{Bundle, BundleFrame, DotFit, DotPrior, Observation};
+use super::bundle::{Bundle, BundleFrame, DotFit, Observation};
+use super::clip_dot::ClipDot;
 use super::config::CalibrationConfig;
 use super::fitted::FittedFrame;
 use super::identify::identify_frames;
 use super::marks::{Mark, steady_marks};
-use super::presence::{
-    DetectionRate, DotPresence, FindRecord, Looks, MIN_EXPECTED_VIEWS, doubtful_limit, find_records,
-};
-use super::result::{
-    CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark, drawing_sigma_rad,
-    in_space,
-};
+use super::presence::{DetectionRate, Looks, MIN_EXPECTED_VIEWS, doubtful_limit, find_records};
+use super::result::{Calibration, CalibrationRejection, SteadyMark, drawing_sigma_rad, in_space};
 use crate::ball::{Ball, CalibrationRecord};
 use crate::error::Result;
 use crate::geometry::{Vec3, angle_between};
@@ -35,71 +31,12 @@ const WIDER: [f64; 2] = [2.0, 3.5];
 /// A mark this many standard deviations of the dots' offsets from a dot's place may be that dot: its looks say
 /// whether it is.
 const DISPLACED: f64 = 5.0;
-/// Standard deviation per axis of what may be print beside a dot, radians: on rendered balls it is 1.2 deg.
-const PRINT_SIGMA_RAD: f64 = 0.021;
 /// Change of the dots, radians, below which the rounds end.
 const SETTLED_RAD: f64 = 1e-4;
 
-/// A dot of the fit: one of the nominal pattern, or a mark.
-#[derive(Debug, Clone, Copy)]
-struct ClipDot {
-    /// What is known of its place before the clip.
-    prior: DotPrior,
-    direction: Vec3,
-    covariance: Matrix2<f64>,
-    views: usize,
-    /// The detector's mean probability that this is a dot, over that of the ball's middle dot.
-    likeness: f64,
-    /// Whether a frame of the last fit names it.
-    named: bool,
-    record: FindRecord,
-    presence: DotPresence,
-    /// Where something lies that was taken for it and is not.
-    rejected: Option<Vec3>,
-    /// As a mark: see [`SteadyMark`].
-    mark: Option<Mark>,
-}
-
-impl ClipDot {
-    /// Not left out.
-    fn is_active(&self) -> bool {
-        self.presence != DotPresence::Missing
-    }
-
-    /// Angle from its nominal place, radians; 0 for a mark.
-    fn offset(&self) -> f64 {
-        match self.mark {
-            None => angle_between(&self.prior.direction, &self.direction),
-            Some(_) => 0.0,
-        }
-    }
-
-    /// Takes what the views say of it.
-    fn judge(&mut self, record: FindRecord, looks: &Looks) {
-        self.record = record;
-        self.presence = record.presence(looks);
-        match self.presence {
-            DotPresence::There => {}
-            DotPresence::Doubtful => {
-                self.covariance += Matrix2::identity() * PRINT_SIGMA_RAD.powi(2);
-            }
-            DotPresence::Hidden | DotPresence::Missing => {
-                // What was taken for it lies elsewhere, or it is found too seldom: then a mark may be it.
-                let is_other = looks.likeness < looks.limit || self.presence == DotPresence::Hidden;
-                if self.views > 0 && is_other {
-                    self.rejected = Some(self.direction);
-                }
-                self.direction = self.prior.direction;
-                self.covariance = Matrix2::identity() * self.prior.sigma_rad.powi(2);
-                self.views = 0;
-            }
-        }
-    }
-}
-
 /// What the detector says of a dot, mean over its views.
 #[derive(Debug, Clone, Copy, Default)]
-struct Sighting {
+struct MeanDetection {
     /// Probability of a dot.
     probability: f64,
     /// Variance of a detection, rad^2 per axis at the ball's middle.
@@ -116,7 +53,7 @@ struct FitSummary {
     outline_shift: Vec3,
     /// Mean variance of a detection, rad^2 at the ball's middle.
     detection_variance: f64,
-    sightings: Vec<Sighting>,
+    sightings: Vec<MeanDetection>,
 }
 
 /// The alternation's state.
@@ -140,23 +77,9 @@ impl<'a> Rounds<'a> {
         times_s: Option<&'a [f64]>,
         config: &'a CalibrationConfig,
     ) -> Self {
-        let variance = config.placement_sigma_rad.powi(2);
-        let candidates = nominal.dots().iter().map(|direction| ClipDot {
-            prior: DotPrior {
-                direction: *direction,
-                sigma_rad: config.placement_sigma_rad,
-                designed: true,
-            },
-            direction: *direction,
-            covariance: Matrix2::identity() * variance,
-            views: 0,
-            likeness: 1.0,
-            named: false,
-            record: FindRecord::default(),
-            presence: DotPresence::There,
-            rejected: None,
-            mark: None,
-        });
+        let sigma_rad = config.placement_sigma_rad;
+        let candidates = nominal.dots().iter();
+        let candidates = candidates.map(|direction| ClipDot::of_pattern(direction, sigma_rad));
         Self {
             nominal,
             times_s,
@@ -265,12 +188,12 @@ impl<'a> Rounds<'a> {
 
     /// The dots of a fit, with the error that their views share: see
     /// [`CalibrationConfig::shared_sigma_rad`].
-    fn take_fits(&mut self, fits: &[DotFit], sightings: &[Sighting]) {
+    fn take_fits(&mut self, fits: &[DotFit], sightings: &[MeanDetection]) {
         let seen = || fits.iter().zip(sightings).filter(|(fit, _)| fit.views > 0);
-        let typical = |value: &dyn Fn(&Sighting) -> f64| {
+        let typical = |value: &dyn Fn(&MeanDetection) -> f64| {
             median(&mut seen().map(|(_, s)| value(s)).collect::<Vec<_>>())
         };
-        let usual = Sighting {
+        let usual = MeanDetection {
             probability: typical(&|s| s.probability),
             variance: typical(&|s| s.variance),
         };
@@ -305,7 +228,7 @@ impl<'a> Rounds<'a> {
     fn fit(&self) -> Option<(Vec<DotFit>, FitSummary, Vec<FittedFrame>)> {
         let mut frames = Vec::new();
         let mut fitted = Vec::new();
-        let mut sightings = vec![Sighting::default(); self.candidates.len()];
+        let mut sightings = vec![MeanDetection::default(); self.candidates.len()];
         for (k, frame) in self.frames.iter().enumerate() {
             if !self.is_trusted(frame) {
                 continue;
@@ -441,22 +364,8 @@ impl<'a> Rounds<'a> {
         }
         for mark in &marks {
             if self.candidates.len() < MAX_DOTS {
-                self.candidates.push(ClipDot {
-                    prior: DotPrior {
-                        direction: mark.direction,
-                        sigma_rad: self.config.placement_sigma_rad,
-                        designed: false,
-                    },
-                    direction: mark.direction,
-                    covariance: Matrix2::identity() * self.config.placement_sigma_rad.powi(2),
-                    views: mark.found,
-                    likeness: 1.0,
-                    named: false,
-                    record: FindRecord::default(),
-                    presence: DotPresence::There,
-                    rejected: None,
-                    mark: Some(*mark),
-                });
+                let dot = ClipDot::of_mark(mark, self.config.placement_sigma_rad);
+                self.candidates.push(dot);
             }
         }
         Vec::new()
@@ -524,7 +433,9 @@ impl<'a> Rounds<'a> {
         self.check_dots()?;
         let fitted = self.frames.iter().filter(|f| self.is_trusted(f)).count();
         let designed = self.candidates.iter().take(self.nominal.len());
-        let dots = designed.map(|c| self.calibrated(c)).collect();
+        let dots = designed
+            .map(|c| c.calibrated(self.config.placement_sigma_rad))
+            .collect();
         let learned = self.candidates[self.nominal.len()..]
             .iter()
             .filter_map(|c| {
@@ -561,33 +472,6 @@ impl<'a> Rounds<'a> {
             axis_rad: summary.axis_rad,
             detection_rate: rate.mean(),
         })
-    }
-
-    fn calibrated(&self, c: &ClipDot) -> CalibratedDot {
-        let state = match c.presence {
-            DotPresence::Missing => DotState::Missing,
-            _ if c.views == 0 => DotState::Unseen,
-            DotPresence::Doubtful => DotState::Doubtful,
-            _ => DotState::Measured,
-        };
-        let is_seen = matches!(state, DotState::Measured | DotState::Doubtful);
-        let (direction, covariance) = if is_seen {
-            (c.direction, c.covariance)
-        } else {
-            let variance = self.config.placement_sigma_rad.powi(2);
-            (c.prior.direction, Matrix2::identity() * variance)
-        };
-        CalibratedDot {
-            nominal: c.prior.direction,
-            direction,
-            covariance,
-            views: if is_seen { c.views } else { 0 },
-            facing_frames: c.record.views,
-            facing_views: c.record.found,
-            expected_views: c.record.expected,
-            likeness: if is_seen { c.likeness } else { 1.0 },
-            state,
-        }
     }
 
     /// Gives the frames' detections the numbers of the calibrated pattern.

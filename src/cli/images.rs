@@ -14,10 +14,10 @@ use crate::error::{Error, Result};
 use crate::image::{DEFAULT_MAX_PIXELS, Roi};
 use crate::source::pipe::PipeFormat;
 use crate::source::{Frame, FrameSource as _, files};
+use crate::surface::SurfaceMap;
 use crate::vision::frame::config::{CameraModel, OutlineMethod};
 use crate::vision::frame::prior::OutlinePrior;
 use crate::vision::net::Weights;
-use crate::vision::painted::Surface;
 use crate::vision::{
     BallCircle, Calibration, Camera, CnnDetector, DetectorName, DotDetector, Intrinsics, Pixel,
 };
@@ -267,7 +267,7 @@ fn first_size(inputs: &[PathBuf], max_pixels: u64) -> Option<[usize; 2]> {
 /// # Errors
 /// As [`Ball::read`]; the surface of a painted ball is called that.
 pub(super) fn read_ball(path: &Path) -> Result<Ball> {
-    Ball::read(path).map_err(|error| match Surface::read_npz(path) {
+    Ball::read(path).map_err(|error| match SurfaceMap::read_npz(path) {
         Ok(_) => {
             let problem = "is the surface of a painted ball, which has no dots: expected it alone, for `spindoe estimate`";
             Error::input(path, "archive", problem)

@@ -9,9 +9,9 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use super::estimate::Asked;
-use super::estimate::balls::{self, Row, shot_line, strobe_json, strobe_numbers, strobe_rows};
+use super::estimate::balls::{self, shot_line, strobe_json, strobe_numbers, strobe_rows};
 use super::estimate::format::Format;
-use super::estimate::written::{ball_json, own_row};
+use super::estimate::written::{Row, ball_json, own_row};
 use super::images::read_ball;
 use super::inputs::say_camera;
 use super::pipe::{Pipe, pipe_format};
@@ -157,7 +157,7 @@ fn all_balls(
                 let numbered = numbers.into_iter().zip(&balls);
                 let row = |(number, ball): (Option<usize>, &BallEstimate)| {
                     let row = own_row(NamedFrame::of(time_s, &ball.frame), shown_in);
-                    let mut row = Row::new(asked, shown_in, row, number, ball);
+                    let mut row = Row::of_ball(asked, shown_in, row, number, ball);
                     if let Some((table, share)) = number.and_then(|n| tracks.table(n)) {
                         row.json["table"] = asked.table[table].display().to_string().into();
                         row.json["table_probability"] = share.into();

@@ -19,8 +19,8 @@ use super::balls::BallEstimate;
 use crate::geometry::Rotation;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
 use crate::spin::{MIN_INTERVAL_S, Measurement};
-use crate::vision::optics::camera::{BallCircle, Pixel};
-use crate::vision::outline::path::OutlineMotion;
+use crate::vision::optics::camera::BallCircle;
+use crate::vision::outline::path::{OutlineMotion, along};
 
 /// Deviation of a center from its expected place, radii: of a track with a path, and of one seen once.
 const OFF: [f64; 2] = [0.15, 1.5];
@@ -373,14 +373,11 @@ pub fn missing_balls(
 
 /// The outline at a part of the way from one to another.
 fn between(a: &BallCircle, b: &BallCircle, share: f64) -> BallCircle {
-    let mix = |a: f64, b: f64| a + (b - a) * share;
-    let center = Pixel {
-        u: mix(a.center.u, b.center.u),
-        v: mix(a.center.v, b.center.v),
-    };
+    let circle = along(a, b, share);
     BallCircle {
         eccentricity: a.eccentricity.lerp(&b.eccentricity, share.clamp(0.0, 1.0)),
-        ..BallCircle::new(center, mix(a.radius, b.radius).max(0.5 * a.radius))
+        radius: circle.radius.max(0.5 * a.radius),
+        ..circle
     }
 }
 

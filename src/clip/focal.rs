@@ -15,10 +15,11 @@
 //! Guarantees: silence where the outlines cannot say, as those of a ball on the axis. Not guaranteed: that wrong intrinsics are found;
 //! a wrong principal point shows in [`Intrinsics::size_doubt`] alone.
 
-use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix2x4, Vector2, Vector4};
 
 use super::batch::Batch;
 use super::work::Work;
+use crate::fit::{Normal, Student};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::FrameEstimate;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera};
@@ -47,8 +48,8 @@ const SHARED: (f64, f64) = (0.1, 0.002);
 const SINGLE: (f64, f64) = (0.05, 0.001);
 /// Part of what a rolling shutter does that changes from frame to frame: most motions are even.
 const UNEVEN: f64 = 0.1;
-/// Degrees of freedom of a frame's error.
-const DEGREES: f64 = 4.0;
+/// The loss of a frame's error.
+const LOSS: Student = Student::new(4, 2);
 /// Steps of the reweighted fit.
 const STEPS: usize = 4;
 
@@ -191,29 +192,28 @@ fn unlikeliness(k: &Intrinsics, ratio: f64, seen: &[Shown]) -> Option<f64> {
     let mut common = Vector4::zeros();
     let by = |radius: f64| {
         let (one, r) = (Matrix2::identity(), Matrix2::from_diagonal_element(radius));
-        let mut by = Matrix4x2::zeros();
-        by.fixed_rows_mut::<2>(0).copy_from(&one);
-        by.fixed_rows_mut::<2>(2).copy_from(&r);
+        let mut by = Matrix2x4::zeros();
+        by.fixed_columns_mut::<2>(0).copy_from(&one);
+        by.fixed_columns_mut::<2>(2).copy_from(&r);
         by
     };
     let squared = |common: &Vector4<f64>, (left, inverse, radius): &(_, Matrix2<f64>, f64)| {
-        let off: Vector2<f64> = left - by(*radius).transpose() * common;
+        let off: Vector2<f64> = left - by(*radius) * common;
         off.dot(&(inverse * off))
     };
     for _ in 0..STEPS {
-        let mut information = Matrix4::from_diagonal(&prior);
-        let mut gradient = Vector4::zeros();
+        let mut normal = Normal::<4>::default();
+        normal.information.set_diagonal(&prior);
         for error in &errors {
             let (left, inverse, radius) = error;
-            let weight = worth * (DEGREES + 2.0) / (DEGREES + squared(&common, error));
-            information += by(*radius) * inverse * by(*radius).transpose() * weight;
-            gradient += by(*radius) * inverse * left * weight;
+            let weight = worth * LOSS.weight(squared(&common, error));
+            normal.add(&by(*radius), left, &(inverse * weight));
         }
-        common = information.cholesky()?.solve(&gradient);
+        common = normal.step()?;
     }
     let frames: f64 = errors
         .iter()
-        .map(|error| 0.5 * (DEGREES + 2.0) * (squared(&common, error) / DEGREES).ln_1p())
+        .map(|error| 0.5 * LOSS.cost(squared(&common, error)))
         .sum();
     let held = 0.5 * common.dot(&prior.component_mul(&common));
     let sum = worth * frames + held;

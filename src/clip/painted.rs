@@ -9,8 +9,8 @@ use crate::error::{Error, Result};
 use crate::geometry::spiral_directions;
 use crate::image::RgbImage;
 use crate::pattern::Pattern;
+use crate::surface::PaintedFrame;
 use crate::vision::Budget;
-use crate::vision::painted::PaintedFrame;
 
 /// What is kept of a clip's frames takes no more, bytes; as much again is made of it.
 const MOST_BYTES: usize = 2 << 30;

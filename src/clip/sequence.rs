@@ -33,43 +33,28 @@ use crate::vision::pose::identify::DISAGREEMENT;
 
 /// An outline farther off the path than this, in radii, is in doubt.
 const OFF_PATH: f64 = 0.1;
+/// Independent frames nearest in time that predict a frame's orientation.
+const AROUND: usize = 10;
+/// Minimum probability of frames that predict others.
+pub(super) const TRUSTED: f64 = 0.8;
+/// Error of a predicted orientation beyond the fit's own, radians, about every axis: the spin changes, and so does the
+/// direction under which the ball is seen.
+const HINT_SIGMA_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
+/// Probability that a hint is altogether wrong.
+const WRONG: f64 = 0.1;
 /// Frames that one thread estimates after each other in the same memory.
 const CHUNK: usize = 4;
 
 /// How frames of a sequence help each other.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SequenceConfig {
     /// Estimation of the spin.
     pub spin: SpinConfig,
-    /// Independent frames nearest in time that predict a frame's orientation.
-    pub neighbors: usize,
-    /// Error of a predicted orientation beyond the fit's own, radians, about every axis: the spin changes, and so does the
-    /// direction under which the ball is seen.
-    pub hint_sigma_rad: f64,
-    /// Probability that a hint is altogether wrong.
-    pub wrong: f64,
-    /// Minimum probability of frames that predict others.
-    pub trusted: f64,
     /// Time from row to row of a rolling shutter, the upper first, seconds; 0 for a global one. The times of the frames are then those of
     /// their first rows, and poses those of the times at which the ball is seen: [`seen_times`](super::rolling::seen_times).
     pub row_s: f64,
     /// What ends the search in the frames before.
     pub stop: Option<StopFlag>,
-}
-
-impl Default for SequenceConfig {
-    /// Ten neighbors, 5 deg, one hint in ten wrong, frames of 0.8, a global shutter.
-    fn default() -> Self {
-        Self {
-            spin: SpinConfig::default(),
-            neighbors: 10,
-            hint_sigma_rad: 5f64.to_radians(),
-            wrong: 0.1,
-            trusted: 0.8,
-            row_s: 0.0,
-            stop: None,
-        }
-    }
 }
 
 /// What the second pass over a sequence did.
@@ -120,11 +105,11 @@ pub fn frames_in_doubt(
     let numbered = times_s.iter().zip(frames).enumerate();
     let trusted: Vec<Neighbor> = numbered
         .clone()
-        .filter_map(|(k, (time_s, frame))| Neighbor::of(k, *time_s, frame, config.trusted))
+        .filter_map(|(k, (time_s, frame))| Neighbor::of(k, *time_s, frame, TRUSTED))
         .collect();
     let mut fitter = RobustEstimator::new(config.spin);
     let doubt = |(k, (time_s, frame)): (usize, (&f64, &FrameEstimate))| {
-        let around: Vec<Measurement> = nearest(&trusted, k, *time_s, config.neighbors)
+        let around: Vec<Measurement> = nearest(&trusted, k, *time_s, AROUND)
             .iter()
             .map(|n| n.measurement)
             .collect();
@@ -392,11 +377,11 @@ pub(crate) fn predict(
         .spin_covariance
         .map_or(Matrix3::zeros(), |c| c * (elapsed * elapsed));
     let noise = fit.sigma_rad.unwrap_or(config.spin.sigma_rad) / (fit.inliers.max(1) as f64).sqrt();
-    let sigma2 = config.hint_sigma_rad.powi(2) + noise * noise;
+    let sigma2 = HINT_SIGMA_RAD.powi(2) + noise * noise;
     Hint {
         rotation: fit.motion.at(time_s),
         covariance: own + Matrix3::from_diagonal_element(sigma2),
-        wrong: config.wrong,
+        wrong: WRONG,
     }
 }
 

@@ -21,6 +21,7 @@
 
 use nalgebra::{Matrix3, Vector2};
 
+use crate::fit::Student;
 use crate::geometry::{Rotation, Vec3, turned_covariance};
 use crate::spin::shared::ViewTurn;
 use crate::stats::median;
@@ -45,8 +46,8 @@ const LONGEST: f64 = 0.5;
 /// Steps of the derivatives by ln f and by the principal point over the focal length: of what is seen, and of orientations.
 const DIFFERENCE: f64 = 1e-5;
 const SMALL: f64 = 1e-3;
-/// Degrees of freedom of what frames say: a wrong pose says anything.
-const DEGREES: f64 = 5.0;
+/// The loss of what frames say: a wrong pose says anything.
+const LOSS: Student = Student::new(5, 3);
 /// A frame whose own camera is farther from that of all, in squared standard deviations, keeps its own orientation.
 const ASTRAY: f64 = 16.0;
 
@@ -308,7 +309,7 @@ impl Part {
         };
         let off = now - alone;
         let squared = off.dot(&(view.information * off)).max(0.0);
-        let weight = (DEGREES + 3.0) / (DEGREES + squared);
+        let weight = LOSS.weight(squared);
         let sigma = view.expected.sigma.max(MIN_SIGMA);
         let towards = view.expected.inverse_distance - now.x;
         Self {

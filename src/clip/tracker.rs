@@ -25,7 +25,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::sequence::{SequenceConfig, predict};
+use super::sequence::{SequenceConfig, TRUSTED, predict};
 use super::sequence_view::SequenceView;
 use crate::error::{Error, Result, require};
 use crate::image::{ImageView, Roi};
@@ -107,7 +107,7 @@ pub struct TrackerState<'a> {
 
 /// A pose of the window.
 #[derive(Debug, Clone, Copy)]
-struct Seen {
+struct SeenFrame {
     measurement: Measurement,
     /// From where, if the camera's intrinsics are unknown.
     from: Option<SeenFrom>,
@@ -123,7 +123,7 @@ pub struct Tracker {
     roi: Option<Roi>,
     workspace: EstimatorWorkspace,
     fitter: RobustEstimator,
-    window: VecDeque<Seen>,
+    window: VecDeque<SeenFrame>,
     /// The window's orientations in one frame.
     turned: Vec<Measurement>,
     /// Their times and the turns that they contain.
@@ -312,10 +312,10 @@ impl Tracker {
     }
 
     /// The frame's pose, if it is evidence.
-    fn trusted_pose(&self, time_s: f64) -> Option<Seen> {
+    fn trusted_pose(&self, time_s: f64) -> Option<SeenFrame> {
         let pose = self.frame.pose()?;
-        let is_trusted = !pose.hinted && pose.confidence >= self.config.sequence.trusted;
-        is_trusted.then_some(Seen {
+        let is_trusted = !pose.hinted && pose.confidence >= TRUSTED;
+        is_trusted.then_some(SeenFrame {
             measurement: Measurement {
                 confidence: pose.confidence,
                 ..Measurement::new(time_s, pose.rotation)
@@ -330,7 +330,7 @@ impl Tracker {
         let seen_from = self.window.iter().filter_map(|s| s.from);
         let last = seen_from.clone().next_back();
         let view = last.and_then(|one| SequenceView::about(one.circle.center, seen_from));
-        let place = |seen: &Seen| Some(view?.place(&seen.from?.circle, &seen.pose));
+        let place = |seen: &SeenFrame| Some(view?.place(&seen.from?.circle, &seen.pose));
         self.turned.clear();
         self.turns.clear();
         for seen in &self.window {
@@ -367,7 +367,7 @@ impl Tracker {
     fn forget(&mut self, time_s: f64) {
         let oldest = time_s - self.config.memory_s;
         self.motion.forget(oldest);
-        let is_old = |seen: &Seen| seen.measurement.time_s < oldest;
+        let is_old = |seen: &SeenFrame| seen.measurement.time_s < oldest;
         while self.window.front().is_some_and(is_old) {
             self.window.pop_front();
         }

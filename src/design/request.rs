@@ -133,21 +133,6 @@ impl DesignRequest {
     /// Number of rounds where something else ends the search.
     pub const UNLIMITED_ROUNDS: usize = 1 << 32;
 
-    /// The way of the SpinDOE paper (Sec. II-D): gradient descent over the dots' spherical coordinates on the mean
-    /// nearest-neighbor distance of the hash features alone, candidates tried with the paper's recognizer on all visible
-    /// dots with 3 degrees of noise. The constraints stay, since the pattern is to be printed.
-    pub fn as_paper() -> Self {
-        Self {
-            protocol: DesignViews::Paper,
-            recognizer: RecognizerName::Voting,
-            objective: Some(ObjectiveName::MeanNn),
-            descent: DescentMethod::Gradient,
-            bound_weight: 0.0,
-            bound_goal: Some(Self::NO_GOAL),
-            ..Self::default()
-        }
-    }
-
     /// The whole configuration, checked.
     ///
     /// # Errors

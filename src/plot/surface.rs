@@ -108,9 +108,9 @@ fn draw_half(area: &Area<'_>, side: &Side, places: &[SurfacePlace]) -> Drawn {
             continue;
         }
         let place = nearest[((j + steps) * width + i + steps) as usize].1;
-        let painted = match place.and_then(|p| p.darkness) {
-            Some(darkness) => {
-                let gray = (BARE * (1.0 - darkness)).clamp(0.0, 255.0) as u8;
+        let painted = match place.filter(|p| p.is_shown()) {
+            Some(place) => {
+                let gray = (BARE * (1.0 - place.darkness)).clamp(0.0, 255.0) as u8;
                 RGBColor(gray, gray, gray)
             }
             None => UNSEEN[usize::from((i + j).rem_euclid(px(12.0)) < px(6.0))],

@@ -19,7 +19,6 @@ pub mod frame;
 pub mod net;
 pub mod optics;
 pub mod outline;
-pub mod painted;
 pub mod pose;
 
 pub use dots::blob::BlobDetector;

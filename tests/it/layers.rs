@@ -10,6 +10,7 @@ const DRAWING: &[(&str, &str)] = &[
     ("concurrency", ""),
     ("pipeline", ""),
     ("stats", ""),
+    ("fit", "stats"),
     ("geometry", ""),
     ("files", ""),
     ("npz", ""),
@@ -33,13 +34,13 @@ const DRAWING: &[(&str, &str)] = &[
     ("mark", "design geometry pattern stencil"),
     ("image", "files"),
     ("source", "files image"),
-    ("vision/optics", "files geometry image npz view"),
-    ("vision/outline/circle", "image stats vision/optics"),
+    ("vision/optics", "files fit geometry image npz view"),
+    ("vision/outline/circle", "fit image stats vision/optics"),
     ("vision/dots/patch", "image vision/optics"),
     ("vision/net", "files npz vision/dots/patch"),
     (
         "vision/dots",
-        "geometry image stats vision/dots/patch vision/net vision/optics",
+        "fit geometry image stats vision/dots/patch vision/net vision/optics",
     ),
     ("vision/pose/trust", "vision/optics"),
     (
@@ -48,29 +49,29 @@ const DRAWING: &[(&str, &str)] = &[
     ),
     (
         "vision/outline",
-        "geometry image stats vision/dots vision/frame vision/net vision/optics vision/outline/circle",
+        "fit geometry image stats vision/dots vision/frame vision/net vision/optics vision/outline/circle",
     ),
     (
         "vision/pose",
-        "geometry image pattern recognize stats view vision/dots vision/frame vision/net vision/optics vision/outline \
+        "fit geometry image pattern recognize stats view vision/dots vision/frame vision/net vision/optics vision/outline \
          vision/pose/trust",
     ),
     (
         "vision/estimator",
         "ball geometry image pattern recognize view vision/dots vision/frame vision/optics vision/outline vision/pose",
     ),
-    (
-        "vision/painted",
-        "concurrency files geometry image npz stats vision/dots vision/frame vision/optics",
-    ),
     ("vision", ""),
     (
+        "surface",
+        "concurrency files fit geometry image npz stats vision",
+    ),
+    (
         "clip",
-        "concurrency files geometry image pattern pipeline recognize source spin stats view vision",
+        "concurrency files fit geometry image pattern pipeline recognize source spin stats surface view vision",
     ),
     (
         "calibrate",
-        "ball clip concurrency geometry image pattern recognize spin stats view vision",
+        "ball clip concurrency fit geometry image pattern recognize spin stats surface view vision",
     ),
     ("synth", "clip design files geometry image pattern vision"),
     (

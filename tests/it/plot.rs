@@ -522,7 +522,9 @@ fn the_surface_of_a_ball_shows_its_marks_and_what_no_frame_shows() {
     use spindoe::calibrate::{MarkKind, MarkedSurface, SurfaceMark, SurfacePlace};
     let place = |direction: Vec3| SurfacePlace {
         direction,
-        darkness: (direction.x > -0.8).then_some(if direction.z > 0.98 { 0.8 } else { 0.0 }),
+        darkness: if direction.z > 0.98 { 0.8 } else { 0.0 },
+        views: if direction.x > -0.8 { 9 } else { 0 },
+        steady: 1.0,
     };
     let mark = |direction: Vec3, kind| SurfaceMark {
         direction,

@@ -18,7 +18,7 @@ use spindoe::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
 };
 use spindoe::report::compare::{Entry, compare};
-use spindoe::report::page::{CalibrationPage, DesignPage, EstimatePage};
+use spindoe::report::page::{CalibrationPage, DesignPage, EstimatePage, ShownBall};
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::DetectorName;
@@ -109,11 +109,17 @@ fn estimate(path: &Path) {
         time_s: frame.time_s,
         estimate: frame.estimate(),
     });
-    let rows = orientations(&named.collect::<Vec<_>>(), CameraFrame::View, false);
-    let page = EstimatePage::new(&Ball::new(pattern.clone()), &batch, &rows, None, |_| {
-        Ok(None)
-    })
-    .unwrap();
+    let named: Vec<NamedFrame<'_>> = named.collect();
+    let rows = orientations(&named, CameraFrame::View, false);
+    let ball = ShownBall {
+        ball: &Ball::new(pattern.clone()),
+        number: None,
+        frames: named,
+        orientations: rows,
+        spin: None,
+        sequence: &batch.sequence,
+    };
+    let page = EstimatePage::new(&[ball], |_, _| Ok(None)).unwrap();
     std::fs::write(path, page.html().unwrap()).unwrap();
 }
 

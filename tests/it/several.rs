@@ -1103,3 +1103,31 @@ fn a_launch_monitor_is_advised() {
     let output = spindoe(dir.path(), &["advise", "--strobe-ms", "0,1"]);
     assert_eq!(output.status.code(), Some(2));
 }
+
+#[test]
+fn a_page_has_a_part_for_each_ball() {
+    let dir = tempfile::tempdir().unwrap();
+    let clip = "synth dots20 --also dots24 --frames 8 --seed 21 -o two";
+    done(dir.path(), &clip.split(' ').collect::<Vec<_>>());
+    let estimate = "estimate --table two/table.npz --table two/table2.npz --balls 2 two/images --json --report page.html";
+    let json = done(dir.path(), &estimate.split(' ').collect::<Vec<_>>());
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let page = std::fs::read_to_string(dir.path().join("page.html")).unwrap();
+    let data = page.split_once("id=\"data\">").unwrap().1;
+    let data = data.split_once("</script>").unwrap().0;
+    let data: serde_json::Value = serde_json::from_str(data).unwrap();
+    let parts = data["content"]["balls"].as_array().unwrap();
+    assert_eq!(parts.len(), 2);
+    for (number, part) in parts.iter().enumerate() {
+        assert_eq!(part["number"], number);
+        let posed = |frames: &serde_json::Value, key: &str| {
+            let frames = frames.as_array().unwrap().iter();
+            frames.filter(|frame| !frame[key].is_null()).count()
+        };
+        assert_eq!(
+            json["balls"][number]["identified"],
+            posed(&part["frames"], "orientation_wxyz")
+        );
+        assert!(posed(&part["frames"], "picture") > 0);
+    }
+}

@@ -7,7 +7,7 @@ use nalgebra::{
 use super::camera::{FrameView, Neighbors, OPTICS, SHARED};
 use super::motion::SPIN;
 use super::schur::{BLOCK, NormalEquations};
-use super::{Bundle, BundleFrame, DEGREES, Observation, Weighting, offset};
+use super::{Bundle, BundleFrame, LOSS, Observation, Weighting, offset};
 use crate::geometry::{Rotation, Vec3, tangent_frame};
 use crate::vision::optics::camera::Pixel;
 
@@ -43,7 +43,7 @@ impl Bundle {
                 let inverse = (seen.covariance * self.variance_scale).try_inverse()?;
                 let off = offset(seen.pixel, at);
                 let distance = off.dot(&(inverse * off));
-                cost += 0.5 * (DEGREES + 2.0) * (distance / DEGREES).ln_1p();
+                cost += 0.5 * LOSS.cost(distance);
             }
         }
         Some(cost)
@@ -276,8 +276,7 @@ impl Bundle {
         let inverse = (seen.covariance * self.variance_scale).try_inverse()?;
         let residual = offset(seen.pixel, at);
         let distance = residual.dot(&(inverse * residual));
-        let weight = (DEGREES + 2.0) / (DEGREES + distance);
-        Some((residual, inverse * weight))
+        Some((residual, inverse * LOSS.weight(distance)))
     }
 
     /// Adds the priors of dots, camera and motion, and the gauge.

@@ -37,6 +37,7 @@ pub(super) use camera::FrameView;
 
 use nalgebra::{Matrix2, Matrix3, Matrix6, Vector2};
 
+use crate::fit::{Damping, Descent, Student};
 use crate::geometry::{Rotation, Vec3, kabsch, tangent_frame};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::outline::Outline;
@@ -45,17 +46,18 @@ use camera::{OPTICS, SHARED, SharedCamera};
 use motion::{MotionPrior, SPIN, TimedPose};
 use schur::{NormalEquations, Step};
 
-/// Degrees of freedom of the detections' distribution.
-const DEGREES: f64 = 5.0;
-/// Maximum number of steps of one fit.
-const MAX_STEPS: usize = 40;
+/// The detections' loss.
+const LOSS: Student = Student::new(5, 2);
 /// A relative fall of the cost below this ends the iteration.
 const CONVERGED: f64 = 1e-7;
-/// First damping, its factors, and where the search gives up.
-const DAMPING: f64 = 1e-4;
-const DAMPING_DOWN: f64 = 0.2;
-const DAMPING_UP: f64 = 8.0;
-const MAX_DAMPING: f64 = 1e6;
+/// The steps of one fit.
+const DAMPING: Damping = Damping {
+    first: 1e-4,
+    down: 0.2,
+    up: 8.0,
+    most: 1e6,
+    steps: 40,
+};
 /// Fits with a new scale of the noise.
 const SCALINGS: usize = 3;
 /// Fits in which the prior of motion may turn out too strong.
@@ -68,7 +70,7 @@ const MIN_FREEDOM: f64 = 10.0;
 /// Prior of a dot's place of which hardly anything is known, radians.
 const FREE_SIGMA_RAD: f64 = 0.3;
 /// Fewer dots leave a frame's orientation open where nothing else fixes it.
-pub(super) const MIN_OBSERVED: usize = 2;
+const MIN_OBSERVED: usize = 2;
 
 /// What a detection counts for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -83,7 +85,7 @@ impl Weighting {
     fn share(self) -> f64 {
         match self {
             Self::Step => 1.0,
-            Self::Information => (DEGREES + 2.0) / (DEGREES + 4.0),
+            Self::Information => LOSS.information(),
         }
     }
 }
@@ -101,7 +103,7 @@ pub(super) struct DotPrior {
 
 impl DotPrior {
     /// A dot of whose place hardly anything is known but where to begin.
-    pub fn free(direction: &Vec3) -> Self {
+    fn free(direction: &Vec3) -> Self {
         Self {
             direction: *direction,
             sigma_rad: FREE_SIGMA_RAD,
@@ -174,6 +176,19 @@ impl Bundle {
             spins,
             variance_scale: 1.0,
         }
+    }
+
+    /// The problem of dots of whose places hardly anything is known, in the frames, each with its number, that show [`MIN_OBSERVED`] of
+    /// them; also the numbers of these.
+    pub fn of_free_dots(
+        dots: impl Iterator<Item = Vec3>,
+        frames: impl Iterator<Item = (usize, BundleFrame)>,
+        camera: &CameraModel,
+    ) -> (Self, Vec<usize>) {
+        let fixed = frames.filter(|(_, frame)| frame.observations.len() >= MIN_OBSERVED);
+        let (which, frames) = fixed.unzip();
+        let priors = dots.map(|direction| DotPrior::free(&direction)).collect();
+        (Self::new(priors, frames, camera), which)
     }
 
     /// Fits everything: first without the prior of motion, then, where the times allow and `smooth`
@@ -276,29 +291,13 @@ impl Bundle {
     /// Levenberg-Marquardt from where it stands.
     fn minimize(&mut self) {
         let mut equations = self.equations();
-        let mut damping = DAMPING;
-        let Some(mut cost) = self.linearize(&mut equations, Weighting::Step) else {
-            return;
-        };
-        for _ in 0..MAX_STEPS {
-            let moved = self.step(&equations, damping).map(|step| self.moved(&step));
-            let better = moved.and_then(|m| Some((m.cost()?, m)).filter(|(c, _)| *c < cost));
-            let Some((lower, moved)) = better else {
-                damping *= DAMPING_UP;
-                if damping > MAX_DAMPING {
-                    return;
-                }
-                continue;
+        if let Some(cost) = self.linearize(&mut equations, Weighting::Step) {
+            let start = Linearized {
+                bundle: self.clone(),
+                cost,
+                equations: Some(equations),
             };
-            *self = moved;
-            let fall = cost - lower;
-            cost = lower;
-            damping *= DAMPING_DOWN;
-            equations.clear();
-            let converged = fall < CONVERGED * cost.max(1.0);
-            if converged || self.linearize(&mut equations, Weighting::Step).is_none() {
-                return;
-            }
+            *self = DAMPING.descend(start).bundle;
         }
     }
 
@@ -419,6 +418,40 @@ impl Bundle {
             })
             .collect();
         MotionPrior::learn(&poses?)
+    }
+}
+
+/// A problem on its way to the minimum.
+struct Linearized {
+    bundle: Bundle,
+    cost: f64,
+    /// Where a step is to follow.
+    equations: Option<NormalEquations>,
+}
+
+impl Descent for Linearized {
+    fn cost(&self) -> f64 {
+        self.cost
+    }
+
+    fn stepped(&self, damping: f64) -> Option<Self> {
+        let step = self.bundle.step(self.equations.as_ref()?, damping)?;
+        let bundle = self.bundle.moved(&step);
+        Some(Self {
+            cost: bundle.cost()?,
+            bundle,
+            equations: None,
+        })
+    }
+
+    fn follow(&mut self, before: Self) -> bool {
+        let has_settled = before.cost - self.cost < CONVERGED * self.cost.max(1.0);
+        self.equations = before.equations.filter(|_| !has_settled);
+        self.equations.as_mut().is_some_and(|equations| {
+            equations.clear();
+            let linearized = self.bundle.linearize(equations, Weighting::Step);
+            linearized.is_some()
+        })
     }
 }
 

@@ -6,8 +6,8 @@
 
 use super::UnknownRejection;
 use super::candidates::{Candidate, Candidates, Kind};
-use super::surface::Surface;
 use crate::geometry::{Vec3, angle_between};
+use crate::surface::Darkness;
 
 /// Largest expected number of dots where no view shows the surface.
 const MAX_HIDDEN: f64 = 0.03;
@@ -79,7 +79,7 @@ impl Candidates {
     ///
     /// # Errors
     /// What is in doubt.
-    pub fn dots(&self, surface: &Surface, known: &KnownDots) -> Result<Vec<Candidate>, Unclear> {
+    pub fn dots(&self, surface: &Darkness, known: &KnownDots) -> Result<Vec<Candidate>, Unclear> {
         let of = |kind: Kind| self.dots.iter().filter(move |c| c.kind == kind).copied();
         if let KnownDots::Marks(said) = known {
             return self.said(said);
@@ -134,7 +134,7 @@ impl Candidates {
     }
 
     /// The places that are covered in most views.
-    fn covered(&self, surface: &Surface) -> Vec<Vec3> {
+    fn covered(&self, surface: &Darkness) -> Vec<Vec3> {
         let known = self.dots.iter().filter(|c| c.kind != Kind::Other);
         let known = known.map(|c| (c.dot.direction, BEYOND[0] * c.radius + BEYOND[1]));
         surface.dark(known, COVERED * self.darkness, WHOLE * self.radius)

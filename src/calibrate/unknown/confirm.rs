@@ -12,8 +12,8 @@ use crate::calibrate::pixels::{Landmark, PosedFrame, by_pixels};
 use crate::calibrate::result::{CalibratedDot, Calibration, CalibrationRejection, DotState};
 use crate::error::{Result, require};
 use crate::geometry::angle_between;
+use crate::surface::PaintedFrame;
 use crate::vision::FrameEstimate;
-use crate::vision::painted::PaintedFrame;
 
 /// A dot's place is known where its standard deviation per axis is no larger, radians. On nine plain balls (`bench calibration-unknown`, seed
 /// 35200020) seven dots were known so to the estimator alone: all within 0.7 degrees.

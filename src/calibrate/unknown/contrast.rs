@@ -3,12 +3,12 @@
 //! The surface is the middle of all views: where fingers cover a place in many of them it shows the fingers, and a faint dot is dark in hardly more
 //! than half of them, by noise. In a single frame a dot is darker than the ball about it whatever else is in view, while a finger covers both.
 
-use super::map::Map;
+use super::map::DotMap;
 use super::marks::Mark;
-use super::surface::Surface;
 use crate::concurrency;
 use crate::stats::quantile;
-use crate::vision::painted::{ExpectedDot, PaintedFrame, contrasts};
+use crate::surface::Darkness;
+use crate::surface::{ExpectedDot, PaintedFrame, contrasts};
 
 /// Depth from which a view faces a mark well enough.
 const LOOKED_AT: f64 = 0.35;
@@ -43,12 +43,12 @@ impl Contrast {
     }
 }
 
-impl Map<'_> {
+impl DotMap<'_> {
     /// The contrast of each of these marks.
     pub fn contrasts(
         &self,
         shown: &[PaintedFrame],
-        surface: &Surface,
+        surface: &Darkness,
         marks: &[Mark],
     ) -> Vec<Contrast> {
         let frames: Vec<usize> = (0..self.frames.len()).collect();

@@ -2,14 +2,14 @@
 
 use super::candidates::Candidates;
 use super::choice::KnownDots;
-use super::map::{Map, NEW_DEPTH};
-use super::surface::Surface;
+use super::map::{DotMap, NEW_DEPTH};
 use super::{BuiltPattern, MIN_VIEWS, UnknownRejection};
 use crate::calibrate::bundle::Bundle;
 use crate::calibrate::result::rms_sigma_rad;
 use crate::geometry::{Vec3, spiral_directions};
 use crate::pattern::{MIN_DOTS, Pattern};
-use crate::vision::painted::PaintedFrame;
+use crate::surface::Darkness;
+use crate::surface::PaintedFrame;
 
 /// Depth from which a view faces a place well enough for a dot there to be taken in.
 pub(super) const FACING: f64 = NEW_DEPTH;
@@ -30,7 +30,7 @@ const SHOWS: f64 = 0.7;
 /// them farther.
 const MAX_SIGMA_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 
-impl Map<'_> {
+impl DotMap<'_> {
     /// Whether most frames hang together and agree with the map.
     ///
     /// # Errors
@@ -56,7 +56,7 @@ impl Map<'_> {
     /// Where too little shows what a dot looks like.
     pub fn judge(
         &self,
-        surface: &Surface,
+        surface: &Darkness,
         shown: &[PaintedFrame],
     ) -> std::result::Result<Candidates, UnknownRejection> {
         let (marks, radius) = self.marks(surface).ok_or(UnknownRejection::NoDots)?;
@@ -69,7 +69,7 @@ impl Map<'_> {
     pub fn finish(
         &mut self,
         candidates: &Candidates,
-        surface: &Surface,
+        surface: &Darkness,
         known: &KnownDots,
     ) -> std::result::Result<BuiltPattern, UnknownRejection> {
         let kept = candidates.dots(surface, known).map_err(|unclear| {

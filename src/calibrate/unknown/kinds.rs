@@ -7,14 +7,14 @@
 
 use super::candidates::{Candidate, Candidates, Kind};
 use super::contrast::Contrast;
-use super::map::{Map, MapDot};
+use super::map::{DotMap, MapDot};
 use super::marks::Mark;
 use super::seen::Seen;
-use super::surface::Surface;
 use super::tidy::FACING;
 use super::{MIN_VIEWS, UnknownRejection};
 use crate::geometry::{Vec3, angle_between};
 use crate::stats::median;
+use crate::surface::Darkness;
 use crate::vision::dots::detector::LIKELY_DOT;
 
 /// A dot of the map so near a mark, radians or radii of the mark, is that mark; and one that is nearer than this is no other mark.
@@ -86,7 +86,7 @@ impl Witnessed<'_> {
     }
 }
 
-impl Map<'_> {
+impl DotMap<'_> {
     /// What may be a dot among the marks of the surface. `blind` is the share of it that no view shows.
     ///
     /// # Errors
@@ -94,7 +94,7 @@ impl Map<'_> {
     pub fn candidates(
         &self,
         (marks, contrasts): (&[Mark], &[Contrast]),
-        surface: &Surface,
+        surface: &Darkness,
         blind: f64,
     ) -> std::result::Result<Candidates, UnknownRejection> {
         let joined = self.at_marks(marks);
@@ -152,7 +152,7 @@ impl Map<'_> {
         marks: &[Mark],
         typical: &Typical,
         is_printed: bool,
-        surface: &Surface,
+        surface: &Darkness,
     ) -> Vec<Candidate> {
         let candidate = |j: usize| {
             let at = self.dots[j].direction;

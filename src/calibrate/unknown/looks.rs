@@ -1,7 +1,7 @@
 //! Which places of a map are dots by their looks: see [`crate::calibrate::looks`].
 
 use super::ESTABLISHED;
-use super::map::Map;
+use super::map::DotMap;
 use super::tidy::FACING;
 use crate::calibrate::looks::unlike_limit;
 
@@ -10,7 +10,7 @@ use crate::calibrate::looks::unlike_limit;
 /// on 40 rendered balls this excludes 47 of 54 marks and 11 of 697 dots, most of them on print.
 const UNLIKE: f64 = 0.93;
 
-impl Map<'_> {
+impl DotMap<'_> {
     /// Those of these dots of the map that look like dots, in their order: where their number is known, so
     /// many of the likeliest, else those that look like the others.
     pub fn like_dots(&self, names: &[usize], expected: Option<usize>) -> Vec<usize> {

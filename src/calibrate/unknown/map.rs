@@ -68,14 +68,14 @@ impl MapDot {
 /// A frame that is placed.
 #[derive(Debug, Clone)]
 pub(super) struct Placed {
-    /// Map to camera.
+    /// DotMap to camera.
     pub rotation: Rotation,
     /// For each of its dots the map's, if any.
     pub names: Vec<Option<usize>>,
 }
 
 /// A map that grows from one frame.
-pub(super) struct Map<'a> {
+pub(super) struct DotMap<'a> {
     /// As the last fit sees them.
     pub frames: Vec<Seen>,
     pub estimates: &'a [FrameEstimate],
@@ -84,13 +84,13 @@ pub(super) struct Map<'a> {
     pub placed: Vec<Option<Placed>>,
     /// Number of placed frames when a frame could not be placed: it is tried again when there are more.
     tried: Vec<Option<usize>>,
-    /// See [`Map::learn_turns`].
+    /// See [`DotMap::learn_turns`].
     ahead_sigma_rad: f64,
     /// Where something is that the clip does not show well enough.
     pub lacking: Option<Vec3>,
 }
 
-impl<'a> Map<'a> {
+impl<'a> DotMap<'a> {
     pub fn new(
         frames: &[Seen],
         estimates: &'a [FrameEstimate],

@@ -5,9 +5,9 @@
 
 use nalgebra::Matrix2;
 
-use super::surface::Surface;
 use crate::geometry::{Vec3, tangent_frame};
 use crate::stats::median;
+use crate::surface::Darkness;
 
 /// The minimum darkness of a mark, over the bare ball's brightness and over the noise of a place.
 const LEAST: f32 = 0.008;
@@ -54,7 +54,7 @@ pub(super) struct Mark {
     pub shape: Shape,
     /// The minimum number of views that show a place of it.
     pub views: usize,
-    /// See [`Place::steady`](super::surface::Place::steady), the mean over its places.
+    /// See [`Place::steady`](crate::surface::SurfacePlace::steady), the mean over its places.
     pub steady: f64,
 }
 
@@ -76,7 +76,7 @@ impl Mark {
 }
 
 /// The marks of a surface, each with the places that it is of.
-pub(super) fn marks(surface: &Surface) -> Vec<(Mark, Vec<usize>)> {
+pub(super) fn marks(surface: &Darkness) -> Vec<(Mark, Vec<usize>)> {
     let least = LEAST.max(OVER_NOISE * surface.noise);
     let dark = |k: usize| surface.places[k].darkness;
     let is_above = |a: usize, b: usize| (dark(a), a) > (dark(b), b);
@@ -134,7 +134,7 @@ fn top(uphill: &[usize], mut k: usize) -> usize {
 }
 
 /// Makes one of two tops where the way between them stays dark: a bar and a large dot have several.
-fn join_across_saddles(surface: &Surface, uphill: &mut [usize], least: f32) {
+fn join_across_saddles(surface: &Darkness, uphill: &mut [usize], least: f32) {
     let dark = |k: usize| surface.places[k].darkness;
     for k in (0..uphill.len()).filter(|k| dark(*k) >= least) {
         surface.near(&surface.places[k].direction, NEXT, |j| {
@@ -152,7 +152,7 @@ fn join_across_saddles(surface: &Surface, uphill: &mut [usize], least: f32) {
 }
 
 /// The mark of these places, the darkest of which is `top`.
-pub(super) fn mark(surface: &Surface, top: usize, members: &[usize]) -> Mark {
+pub(super) fn mark(surface: &Darkness, top: usize, members: &[usize]) -> Mark {
     let places = || members.iter().map(|k| &surface.places[*k]);
     let sum: Vec3 = places().map(|p| p.direction * f64::from(p.darkness)).sum();
     let direction = sum.normalize();

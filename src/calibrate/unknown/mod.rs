@@ -6,7 +6,7 @@
 //! ([`super::bundle`]); places that turn out the same when the ball comes around are merged, which closes
 //! the loop; dots that are not found where they should be leave the map.
 //!
-//! What is a dot is then decided on the ball's whole surface as all frames show it ([`surface`], [`marks`], [`kinds`]).
+//! What is a dot is then decided on the ball's whole surface as all frames show it ([`Darkness`], [`marks`], [`kinds`]).
 //!
 //! # What is promised
 //! A pattern only where most frames hang together, the clip shows the whole ball, and surface and detector agree on what is a dot or a person says
@@ -26,7 +26,6 @@ mod map;
 mod marks;
 mod parts;
 mod seen;
-mod surface;
 mod survey;
 mod tidy;
 
@@ -35,8 +34,8 @@ use super::result::CalibrationRejection;
 use crate::error::{Error, Result, are, counted, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::stats::median;
+use crate::surface::{Darkness, PaintedFrame};
 use crate::vision::FrameEstimate;
-use crate::vision::painted::PaintedFrame;
 
 pub use candidates::Kind as MarkKind;
 pub use choice::KnownDots;
@@ -44,11 +43,11 @@ pub use confirm::calibrate_built;
 pub use design::matching_design;
 
 pub use crate::clip::painted::SurfaceObserver;
-use map::Map;
+pub use crate::surface::SurfacePlace;
+use map::DotMap;
 use marks::{MiddleDisc, marks};
 use seen::Seen;
-use surface::Surface;
-pub use survey::{MarkedSurface, MissingSide, Side, SurfaceMark, SurfacePlace, Survey};
+pub use survey::{MarkedSurface, MissingSide, Side, SurfaceMark, Survey};
 
 /// What so many marks are.
 fn a_dot(count: usize) -> &'static str {
@@ -328,7 +327,7 @@ pub fn survey(
             ..Survey::rejected(estimates.len(), rejection)
         });
     }
-    let covered = Surface::new(&mut map, shown)?;
+    let covered = Darkness::of(map.lay_out(shown))?;
     let Some(dot) = MiddleDisc::of(&marks(&covered)) else {
         return Ok(Survey {
             placed: map.placed_frames(),
@@ -359,7 +358,7 @@ pub fn survey(
 fn grown<'a>(
     estimates: &'a [FrameEstimate],
     config: &'a CalibrationConfig,
-) -> Result<std::result::Result<(Map<'a>, usize), UnknownRejection>> {
+) -> Result<std::result::Result<(DotMap<'a>, usize), UnknownRejection>> {
     let frames: Vec<Seen> = estimates
         .iter()
         .enumerate()
@@ -372,9 +371,9 @@ fn grown<'a>(
     if found < needed {
         return Ok(Err(UnknownRejection::TooFewFrames { found, needed }));
     }
-    let mut best: Option<Map> = None;
+    let mut best: Option<DotMap> = None;
     for seed in seeds(&frames, &rich) {
-        let mut map = Map::new(&frames, estimates, config, seed);
+        let mut map = DotMap::new(&frames, estimates, config, seed);
         map.grow()?;
         if best.as_ref().is_none_or(|b| map.count() > b.count()) {
             best = Some(map);

@@ -7,10 +7,10 @@
 
 use nalgebra::Matrix3;
 
-use super::map::Map;
+use super::map::DotMap;
 use super::marks::{Mark, MiddleDisc, mark, marks};
-use super::surface::Surface;
 use crate::geometry::Vec3;
+use crate::surface::Darkness;
 
 /// A mark is no more dots than this.
 const MOST: usize = 4;
@@ -27,10 +27,10 @@ const STEPS: usize = 12;
 const WELL: f64 = 0.5;
 const MIN_WELL: usize = 10;
 
-impl Map<'_> {
+impl DotMap<'_> {
     /// The marks of a surface, those that are several dots as these, and the radius of the middle disc, radians; `None` without a
     /// disc.
-    pub fn marks(&self, surface: &Surface) -> Option<(Vec<Mark>, f64)> {
+    pub fn marks(&self, surface: &Darkness) -> Option<(Vec<Mark>, f64)> {
         let whole = marks(surface);
         let radius = MiddleDisc::of(&whole)?.radius;
         let parted = whole.iter().map(|(mark, members)| {
@@ -47,7 +47,7 @@ impl Map<'_> {
 }
 
 /// The dots that these places of one mark are, where they are several. `radius` is that of the ball's middle disc, radians.
-fn parts(surface: &Surface, members: &[usize], radius: f64) -> Option<Vec<Mark>> {
+fn parts(surface: &Darkness, members: &[usize], radius: f64) -> Option<Vec<Mark>> {
     let is_dot = |m: &Mark| m.is_round() && (SIZE[0]..=SIZE[1]).contains(&(m.radius / radius));
     (2..=MOST).find_map(|count| {
         let shared = shared_out(surface, members, count)?;
@@ -64,7 +64,7 @@ fn parts(surface: &Surface, members: &[usize], radius: f64) -> Option<Vec<Mark>>
 }
 
 /// Whether the surface is less dark between a part and the next one.
-fn stands_apart(surface: &Surface, parts: &[Mark], part: usize) -> bool {
+fn stands_apart(surface: &Darkness, parts: &[Mark], part: usize) -> bool {
     let middle = parts[part].direction;
     let others = parts.iter().enumerate().filter(|(k, _)| *k != part);
     let others = others.map(|(_, other)| other.direction);
@@ -77,7 +77,7 @@ fn stands_apart(surface: &Surface, parts: &[Mark], part: usize) -> bool {
 }
 
 /// The places of a mark, shared out among so many middles.
-fn shared_out(surface: &Surface, members: &[usize], count: usize) -> Option<Vec<Vec<usize>>> {
+fn shared_out(surface: &Darkness, members: &[usize], count: usize) -> Option<Vec<Vec<usize>>> {
     let at = |k: usize| surface.places[k].direction;
     let weighted = |k: &usize| at(*k) * f64::from(surface.places[*k].darkness);
     let middle = members.iter().map(weighted).sum::<Vec3>().normalize();

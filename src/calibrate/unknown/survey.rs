@@ -1,10 +1,10 @@
 //! How much of a ball a clip shows, and where what it lacks lies.
 
 use super::candidates::Candidate;
-use super::map::Map;
-use super::surface::{Place, SHOWN, Surface};
+use super::map::DotMap;
 use super::{BuiltPattern, MarkKind, UnknownRejection};
 use crate::geometry::{Vec3, angle_between};
+use crate::surface::{Darkness, SurfacePlace};
 
 /// Of the places that no view shows, one in so many is tried for the middle of the largest hole.
 const TRIED: usize = 16;
@@ -67,15 +67,6 @@ pub struct MarkedSurface {
     pub marks: Vec<SurfaceMark>,
 }
 
-/// A place of a ball's surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SurfacePlace {
-    /// Where it is.
-    pub direction: Vec3,
-    /// How much darker it is than the ball about it, over that; `None` where no view shows it.
-    pub darkness: Option<f32>,
-}
-
 /// A mark of a ball's surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceMark {
@@ -88,18 +79,14 @@ pub struct SurfaceMark {
 }
 
 impl MarkedSurface {
-    pub(super) fn new(surface: &Surface, marks: &[Candidate]) -> Self {
-        let place = |p: &Place| SurfacePlace {
-            direction: p.direction,
-            darkness: (p.views >= SHOWN).then_some(p.darkness),
-        };
+    pub(super) fn new(surface: &Darkness, marks: &[Candidate]) -> Self {
         let mark = |c: &Candidate| SurfaceMark {
             direction: c.dot.direction,
             radius_rad: c.radius,
             kind: c.kind,
         };
         Self {
-            places: surface.places.iter().map(place).collect(),
+            places: surface.places.clone(),
             marks: marks.iter().map(mark).collect(),
         }
     }
@@ -176,9 +163,9 @@ impl Side {
     }
 }
 
-impl Map<'_> {
+impl DotMap<'_> {
     /// Where what is missing lies in the frames: what a rejection names, else the middle of the largest hole.
-    pub(super) fn missing(&self, surface: &Surface) -> Option<MissingSide> {
+    pub(super) fn missing(&self, surface: &Darkness) -> Option<MissingSide> {
         let lacking = self.lacking.or_else(|| largest_hole(surface))?;
         let placed = self.frames.iter().zip(&self.placed);
         MissingSide::of(placed.filter_map(|(seen, placed)| {
@@ -189,11 +176,11 @@ impl Map<'_> {
 }
 
 /// The middle of the largest part of the surface that no view shows.
-fn largest_hole(surface: &Surface) -> Option<Vec3> {
+fn largest_hole(surface: &Darkness) -> Option<Vec3> {
     let unseen: Vec<Vec3> = surface
         .places
         .iter()
-        .filter(|p| p.views < SHOWN)
+        .filter(|p| !p.is_shown())
         .map(|p| p.direction)
         .collect();
     let about = |middle: &Vec3| {

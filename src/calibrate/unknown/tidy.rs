@@ -4,10 +4,11 @@
 use nalgebra::Matrix2;
 
 use super::ESTABLISHED;
-use super::map::{MATCH_RAD, Map, MapDot};
+use super::map::{DotMap, MATCH_RAD, MapDot, Placed};
 use super::seen::SeenDot;
-use crate::calibrate::bundle::{Bundle, BundleFrame, DotPrior, MIN_OBSERVED, Observation};
+use crate::calibrate::bundle::{Bundle, BundleFrame, Observation};
 use crate::geometry::angle_between;
+use crate::surface::{MappedClip, MappedFrame, PaintMapper, PaintedFrame};
 
 /// Dots of the map this near, never seen together, are one.
 const MERGE_RAD: f64 = 0.12;
@@ -15,7 +16,7 @@ const MERGE_RAD: f64 = 0.12;
 pub(super) const FACING: f64 = 0.35;
 const MIN_RATE: f64 = 0.4;
 
-impl Map<'_> {
+impl DotMap<'_> {
     /// What the detections of a frame show of the map's dots.
     pub fn detected(&self, k: usize) -> Vec<Observation> {
         let Some(placed) = &self.placed[k] else {
@@ -34,30 +35,42 @@ impl Map<'_> {
         named.filter_map(observation).collect()
     }
 
-    /// Fits the map and all placed frames together.
-    pub fn fit(&mut self) -> Bundle {
-        let priors = self.dots.iter().map(|d| DotPrior::free(&d.direction));
-        let mut which = Vec::new();
-        let mut frames = Vec::new();
-        for k in 0..self.frames.len() {
-            let Some(placed) = &self.placed[k] else {
-                continue;
-            };
-            let observations = self.detected(k);
-            if observations.len() < MIN_OBSERVED {
-                continue;
-            }
-            let seen = &self.frames[k];
-            which.push(k);
-            frames.push(BundleFrame {
-                time_s: None,
-                rotation: placed.rotation,
-                circle: seen.outline.circle,
-                outline: seen.outline,
-                observations,
+    /// Lays all frames on the surface that the placed ones make, each of them by what it shows; those that it shows the place of are placed.
+    pub fn lay_out(&mut self, shown: &[PaintedFrame]) -> MappedClip {
+        let mut frames: Vec<MappedFrame<'_>> = (self.frames.iter().zip(&self.placed))
+            .map(|(seen, placed)| MappedFrame {
+                paint: &shown[seen.index],
+                view: seen.view(),
+                rotation: placed.as_ref().map(|p| seen.to_view() * p.rotation),
+            })
+            .collect();
+        let clip = PaintMapper::default().lay_out(&mut frames);
+        for ((seen, placed), frame) in self.frames.iter().zip(&mut self.placed).zip(&frames) {
+            *placed = frame.rotation.map(|rotation| Placed {
+                rotation: seen.to_view().inverse() * rotation,
+                names: vec![None; seen.dots.len()],
             });
         }
-        let mut bundle = Bundle::new(priors.collect(), frames, &self.config.estimator.camera);
+        self.rename();
+        clip
+    }
+
+    /// Fits the map and all placed frames together.
+    pub fn fit(&mut self) -> Bundle {
+        let placed = |k: usize| {
+            let (seen, rotation) = (&self.frames[k], self.placed[k].as_ref()?.rotation);
+            let frame = BundleFrame {
+                time_s: None,
+                rotation,
+                circle: seen.outline.circle,
+                outline: seen.outline,
+                observations: self.detected(k),
+            };
+            Some((k, frame))
+        };
+        let frames = (0..self.frames.len()).filter_map(placed);
+        let dots = self.dots.iter().map(|d| d.direction);
+        let (mut bundle, which) = Bundle::of_free_dots(dots, frames, &self.config.estimator.camera);
         bundle.fit(false);
         for (dot, fitted) in self.dots.iter_mut().zip(&bundle.dots) {
             dot.direction = *fitted;

@@ -14,7 +14,7 @@ use crate::cli::output::{command_line, is_quiet};
 use crate::clip::{self, BatchConfig};
 use crate::error::{Error, Result, are, counted};
 use crate::pattern::Pattern;
-use crate::vision::painted::PaintedFrame;
+use crate::surface::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate};
 
 /// What ball a clip shows.

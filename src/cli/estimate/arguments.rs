@@ -11,7 +11,7 @@ use crate::cli::output::one_of;
 use crate::clip::BatchConfig;
 use crate::error::{Error, Result};
 use crate::spin::estimate::MotionModel;
-use crate::vision::painted::Surface;
+use crate::surface::SurfaceMap;
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -57,9 +57,9 @@ pub struct Arguments {
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR_OR_MP4")]
     pub(super) overlay: Option<PathBuf>,
-    /// Write a report to view and share: frames, orientations over time, the spin, rejected frames.
+    /// Write a report to view and share: frames, orientations over time, the spin, rejected frames; of each ball, where there are several.
     #[cfg(feature = "plot")]
-    #[arg(long, value_name = "FILE.html", conflicts_with_all = ["balls", "strobe_ms"])]
+    #[arg(long, value_name = "FILE.html", conflicts_with = "strobe_ms")]
     pub(super) report: Option<PathBuf>,
     /// Judge every frame for itself: no verdict over all of them on whether the table fits and the
     /// images are mirrored.
@@ -137,14 +137,14 @@ pub(super) enum Shown {
     /// One with dots.
     Dots,
     /// One that is painted, with its surface where an earlier clip left it.
-    Painted(Option<Surface>),
+    Painted(Option<SurfaceMap>),
 }
 
 impl Arguments {
     /// What ball the frames show, by its table or --painted; flags that it has no use for are refused.
     pub(super) fn shown(&self, given: Option<&ArgMatches>) -> Result<Shown> {
         let surface = match &self.asked.table[..] {
-            [path] => Surface::read_if_one(path)?,
+            [path] => SurfaceMap::read_if_one(path)?,
             _ => None,
         };
         let is_painted = self.painted || surface.is_some();

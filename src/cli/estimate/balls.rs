@@ -9,8 +9,10 @@ use crate::clip::{BallsEstimator, Strobe};
 use crate::error::Result;
 use crate::vision::Estimator;
 use crate::vision::frame::config::{CameraDistance, CameraModel};
+#[cfg(feature = "plot")]
+pub(super) use report::BallRows;
 pub(super) use report::Report;
-pub(in crate::cli) use report::{Row, shot_line, strobe_json, strobe_numbers, strobe_rows};
+pub(in crate::cli) use report::{shot_line, strobe_json, strobe_numbers, strobe_rows};
 
 /// A golf ball's radius over the distances of a launch monitor's camera, 0.4 to 0.6 m: their middle and a standard deviation.
 const GOLF_CAMERA: CameraDistance = CameraDistance {

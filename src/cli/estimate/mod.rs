@@ -108,7 +108,12 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
             let frame = |k: usize| report.drawn(k, &estimators);
             target.draw(&batch.times, batch.frames.len(), frame)?;
         }
-        arguments.write(file, &report.rows(), || report.to_json())?;
+        let text = report.text()?;
+        #[cfg(feature = "plot")]
+        if let Some(path) = &arguments.report {
+            page::write_balls(path, &estimators, &batch, &report)?;
+        }
+        arguments.write(file, &text, || report.to_json())?;
         report.say();
         asked.say_format()?;
         return arguments.answered(report.no_answer());
@@ -124,7 +129,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     };
     let report = Report::new(arguments, frame, &batch, &evidence);
     // Rows that another program's format refuses leave nothing written.
-    let text = report.rows()?;
+    let text = report.rows().text()?;
     #[cfg(feature = "plot")]
     if let Some(target) = overlay {
         let frame = |k: usize| overlay::one_ball(&estimators[table], &batch.frames[k]);

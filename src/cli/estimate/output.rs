@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use serde_json::{Value, json};
 
 use super::verdict::VerdictWords;
-use super::written::{ball_json, clip_json, say_times};
-use super::{Arguments, Picture};
+use super::written::{ClipRows, Row, ball_json, say_times};
+use super::{Arguments, Asked, Picture};
 use crate::cli::motion::Motion;
-use crate::cli::{inputs, spin_summary};
+use crate::cli::spin_summary;
 use crate::clip::orientations;
 use crate::clip::orientations::NamedFrame;
 use crate::clip::rolling::SequenceRows;
@@ -37,11 +37,8 @@ const MAX_FACTOR: f64 = 1.15;
 /// Everything that is reported.
 pub(super) struct Report<'a> {
     arguments: &'a Arguments,
-    /// The frame of orientations and spin.
-    frame: CameraFrame,
-    batch: &'a Batch<Picture>,
+    rows: ClipRows<'a, Picture>,
     verdict: VerdictWords<'a>,
-    orientations: Orientations,
     /// Where the frames have times.
     spin: Option<Result<(SpinSummary, Motion), SpinRejection>>,
     /// The smears that were weighed.
@@ -83,10 +80,30 @@ pub(super) fn named_frames(batch: &Batch<Picture>) -> Vec<NamedFrame<'_>> {
     named.collect()
 }
 
-/// The file of orientations.
-fn file_of(frame: CameraFrame, batch: &Batch<Picture>) -> Orientations {
+/// The rows of the frames.
+fn rows<'a>(
+    asked: &'a Asked,
+    axes: CameraFrame,
+    batch: &'a Batch<Picture>,
+) -> ClipRows<'a, Picture> {
     let is_sequence = matches!(batch.sequence, SequenceOutcome::Estimated { .. });
-    orientations(&named_frames(batch), frame, is_sequence)
+    let file = orientations(&named_frames(batch), axes, is_sequence);
+    let row = |(shown, row): (&BatchFrame<Picture>, OrientationRow)| {
+        let frame = shown.estimate();
+        let needs_look = frame.pose().is_none() || frame.fit.is_some_and(|f| f.rivals > 0);
+        vec![Row {
+            json: frame_json(axes, frame, &row),
+            note: needs_look.then(|| words(frame)),
+            row,
+        }]
+    };
+    ClipRows {
+        asked,
+        axes,
+        batch,
+        frames: batch.frames.iter().zip(file.rows).map(row).collect(),
+        columns: file.columns,
+    }
 }
 
 /// The spin, from the very orientations that are written: without other evidence `spindoe spin` on the file gives the same.
@@ -166,8 +183,8 @@ impl<'a> Report<'a> {
         batch: &'a Batch<Picture>,
         evidence: &Evidence<'_>,
     ) -> Self {
-        let orientations = file_of(frame, batch);
-        let spin = spin(arguments, batch, &orientations, evidence);
+        let rows = rows(&arguments.asked, frame, batch);
+        let spin = spin(arguments, batch, &rows.orientations(), evidence);
         let found = spin.as_ref().and_then(|spin| spin.as_ref().ok());
         let smeared = evidence.smears.map(|smears| Smeared {
             frames: smears.frames(),
@@ -175,10 +192,8 @@ impl<'a> Report<'a> {
         });
         Self {
             arguments,
-            frame,
-            batch,
+            rows,
             verdict: VerdictWords::new(&batch.judgment, &arguments.asked.table),
-            orientations,
             spin,
             smeared,
         }
@@ -188,9 +203,9 @@ impl<'a> Report<'a> {
     #[cfg(feature = "plot")]
     pub fn spin(&self) -> Option<Result<(SpinSummary, FittedMotion), SpinRejection>> {
         let turned = |(summary, motion): &(SpinSummary, Motion)| {
-            let summary = summary.clone().turned(&self.frame.turn());
+            let summary = summary.clone().turned(&self.rows.axes.turn());
             let motion = match motion.estimate.motion.clone() {
-                FittedMotion::Free(fit) => FittedMotion::Free(fit.turned(&self.frame.turn())),
+                FittedMotion::Free(fit) => FittedMotion::Free(fit.turned(&self.rows.axes.turn())),
                 other => other,
             };
             (summary, motion)
@@ -199,36 +214,17 @@ impl<'a> Report<'a> {
         Some(spin.as_ref().map(turned).map_err(|rejection| *rejection))
     }
 
-    /// The orientations.
-    #[cfg(feature = "plot")]
-    pub fn orientations(&self) -> &Orientations {
-        &self.orientations
-    }
-
-    /// The rows as they are asked for.
-    ///
-    /// # Errors
-    /// Those of [`crate::spin::fictrac::rows`].
-    pub fn rows(&self) -> crate::error::Result<String> {
-        self.arguments.asked.rows(&self.orientations)
+    /// The rows.
+    pub fn rows(&self) -> &ClipRows<'a, Picture> {
+        &self.rows
     }
 
     pub fn to_json(&self) -> Value {
-        let frames = self.batch.frames.iter().zip(&self.orientations.rows);
-        let frames = frames.map(|(frame, row)| self.frame_json(frame, row));
-        let frames: Vec<Value> = frames.collect();
-        let identified = self.batch.identified();
-        let mut json = clip_json(
-            &self.arguments.asked,
-            self.frame,
-            self.batch,
-            frames,
-            identified,
-        );
+        let mut json = self.rows.to_json();
         json["detector"] = json!(self.arguments.asked.source.detector);
         match &self.spin {
             Some(Ok((summary, motion))) => {
-                json["spin"] = spin_summary::to_json(summary, self.frame);
+                json["spin"] = spin_summary::to_json(summary, self.rows.axes);
                 motion.add_to(&mut json["spin"]);
                 if let Some(ms) = self.arguments.readout_ms {
                     json["spin"]["readout_ms"] = ms.into();
@@ -249,10 +245,16 @@ impl<'a> Report<'a> {
 
     /// The few frames of another size than nearly all: one camera's have all the same. Crops of many sizes are no such set.
     fn size_words(&self) -> Option<String> {
-        let sizes: Vec<_> = self.batch.frames.iter().filter_map(|f| f.size).collect();
+        let sizes: Vec<_> = self
+            .rows
+            .batch
+            .frames
+            .iter()
+            .filter_map(|f| f.size)
+            .collect();
         let usual = usual_size(&sizes)?;
         let is_other = |f: &&BatchFrame<_>| f.size.is_some_and(|size| size != usual);
-        let others: Vec<_> = self.batch.frames.iter().filter(is_other).collect();
+        let others: Vec<_> = self.rows.batch.frames.iter().filter(is_other).collect();
         let [first, ..] = others[..] else {
             return None;
         };
@@ -260,7 +262,7 @@ impl<'a> Report<'a> {
         Some(format!(
             "warning: {} of {} frames are not of {columns} x {rows} pixels as most are, the first of them {} ({width} x {height})",
             others.len(),
-            self.batch.frames.len(),
+            self.rows.batch.frames.len(),
             shown(&first.name),
         ))
     }
@@ -287,11 +289,11 @@ impl<'a> Report<'a> {
 
     /// What it costs that no camera is given, where the ball stands off the center.
     fn off_center_words(&self) -> Option<String> {
-        let seen = self.batch.frames.iter().filter_map(|frame| {
+        let seen = self.rows.batch.frames.iter().filter_map(|frame| {
             frame.estimate().pose()?;
             Some((frame.estimate().circle?, frame.size?))
         });
-        let off = OffCenter::farthest(seen).filter(|_| self.frame.is_view())?;
+        let off = OffCenter::farthest(seen).filter(|_| self.rows.axes.is_view())?;
         let angle = |field_deg: f64| off.angle_rad(field_deg.to_radians()).to_degrees();
         let [narrow, wide] = FIELDS_DEG;
         Some(format!(
@@ -306,84 +308,30 @@ impl<'a> Report<'a> {
         ))
     }
 
-    fn frame_json(&self, shown: &BatchFrame<Picture>, row: &OrientationRow) -> Value {
-        let frame = shown.estimate();
-        let dots: Vec<Value> = frame
-            .dots
-            .iter()
-            .zip(&frame.assignment)
-            .map(|(dot, name)| {
-                let c = dot.covariance;
-                json!({
-                    "u": dot.pixel.u,
-                    "v": dot.pixel.v,
-                    "covariance_px2": [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
-                    "probability": dot.probability,
-                    "name": name,
-                })
-            })
-            .collect();
-        let ms = |d: std::time::Duration| 1e3 * d.as_secs_f64();
-        let mut json = ball_json(row, self.frame, frame);
-        json["frame"] = shown.name.clone().into();
-        json["time_s"] = shown.time_s.into();
-        json["detections"] = dots.into();
-        json["milliseconds"] = json!({
-            "locate": ms(frame.timings.locate),
-            "detect": ms(frame.timings.detect),
-            "identify": ms(frame.timings.identify),
-        });
-        if let Some(fit) = &frame.fit {
-            json["outline"] = json!({
-                "support": fit.support,
-                "visible": fit.visible,
-                "contrast": fit.contrast,
-                "edge_width_px": fit.edge_width,
-                "other_balls": fit.rivals,
-            });
-        }
-        if let Some(words) = &shown.unreadable {
-            json["refusal"] = words.clone().into();
-        }
-        json
-    }
-
     /// Summarizes the outcome of the frames on standard error.
     pub fn say(&self) {
-        inputs::say_skipped(&self.batch.skipped);
-        inputs::say_cut_short(&self.batch.cut_short);
-        inputs::say_camera(self.batch.focal_doubt.as_ref());
+        self.rows.say_inputs();
         if let Some(words) = self.size_words() {
             errln!("{words}");
         }
-        for shown in &self.batch.frames {
-            if let Some(why) = &shown.unreadable {
-                errln!("{why}");
-                continue;
-            }
-            let (name, frame) = (&shown.name, shown.estimate());
-            let several = frame.fit.is_some_and(|f| f.rivals > 0);
-            if frame.pose().is_none() || several {
-                errln!("{name}: {}", words(frame));
-            }
-        }
-        let count = self.batch.frames.len();
-        errln!("{} of {count} frames identified", self.batch.identified());
+        let count = self.rows.frames.len();
+        (0..count).for_each(|k| self.rows.say_frame(k));
+        errln!("{} of {count} frames identified", self.rows.identified());
         if let Some(words) = self.verdict.words() {
             errln!("{words}");
         }
-        if let SequenceOutcome::Estimated { summary, .. } = &self.batch.sequence
+        if let SequenceOutcome::Estimated { summary, .. } = &self.rows.batch.sequence
             && summary.together > summary.alone
         {
             errln!("{} of them independently", summary.alone);
         }
-        say_times(self.batch);
+        say_times(self.rows.batch);
         if let Some(words) = self.off_center_words() {
             errln!("{words}");
         }
         match &self.spin {
             Some(Ok((summary, motion))) => {
-                let mut lines = spin_summary::lines(summary, self.frame);
+                let mut lines = spin_summary::lines(summary, self.rows.axes);
                 lines.extend(motion.lines());
                 lines.extend(self.arguments.readout_ms.map(|ms| {
                     format!("  rows      {ms} ms of readout: times and poses are those of the ball's center, and the rows weigh the spins")
@@ -398,13 +346,14 @@ impl<'a> Report<'a> {
 
     /// Why nothing is answered, where no frame is.
     pub fn no_answer(&self) -> Option<String> {
-        let count = self.batch.frames.len();
-        match self.batch.identified() {
+        let count = self.rows.batch.frames.len();
+        match self.rows.identified() {
             0 => Some(self.verdict.rejection().unwrap_or_else(|| {
-                let first = self.batch.frames.first();
+                let first = self.rows.batch.frames.first();
                 let why = first.map(|f| words(f.estimate())).unwrap_or_default();
                 // A ball was found, and no dots on it.
                 let is_found = self
+                    .rows
                     .batch
                     .frames
                     .iter()
@@ -418,6 +367,43 @@ impl<'a> Report<'a> {
             _ => None,
         }
     }
+}
+
+/// What JSON says of a frame.
+fn frame_json(axes: CameraFrame, frame: &FrameEstimate, row: &OrientationRow) -> Value {
+    let dots: Vec<Value> = frame
+        .dots
+        .iter()
+        .zip(&frame.assignment)
+        .map(|(dot, name)| {
+            let c = dot.covariance;
+            json!({
+                "u": dot.pixel.u,
+                "v": dot.pixel.v,
+                "covariance_px2": [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]],
+                "probability": dot.probability,
+                "name": name,
+            })
+        })
+        .collect();
+    let ms = |d: std::time::Duration| 1e3 * d.as_secs_f64();
+    let mut json = ball_json(row, axes, frame);
+    json["detections"] = dots.into();
+    json["milliseconds"] = json!({
+        "locate": ms(frame.timings.locate),
+        "detect": ms(frame.timings.detect),
+        "identify": ms(frame.timings.identify),
+    });
+    if let Some(fit) = &frame.fit {
+        json["outline"] = json!({
+            "support": fit.support,
+            "visible": fit.visible,
+            "contrast": fit.contrast,
+            "edge_width_px": fit.edge_width,
+            "other_balls": fit.rivals,
+        });
+    }
+    json
 }
 
 /// The size of all frames but one, or of all but a tenth of many; none where they differ more.

@@ -2,32 +2,79 @@
 
 use std::path::Path;
 
-use super::output::Report;
-use super::{Picture, overlay};
-use crate::clip::Batch;
+use super::output::{self, Report};
+use super::{Picture, balls, overlay};
+use crate::clip::{Batch, NamedFrame};
 use crate::error::Result;
 use crate::files;
+use crate::geometry::CameraFrame;
 use crate::plot::frame_thumbnail;
-use crate::report::page::EstimatePage;
+use crate::report::page::{EstimatePage, ShownBall};
+use crate::spin::SpinRejection;
+use crate::spin::estimate::FittedMotion;
+use crate::spin::summary::SpinSummary;
 use crate::vision::Estimator;
 
-/// Writes the page of `batch`, with the spin that is reported of it.
+/// A spin and its motion, or why there is none.
+type Spin = std::result::Result<(SpinSummary, FittedMotion), SpinRejection>;
+
+/// Writes the page of one ball, with the spin that is reported of it.
 pub(super) fn write(
     path: &Path,
     estimator: &Estimator,
     batch: &Batch<Picture>,
     report: &Report<'_>,
 ) -> Result<()> {
-    let spin = report.spin();
-    let page = EstimatePage::new(
-        estimator.ball(),
-        batch,
-        report.orientations(),
-        spin.as_ref(),
-        |shown| {
-            let drawn = || frame_thumbnail(&overlay::one_ball(estimator, shown));
-            shown.kept.as_ref().map(|_| drawn()).transpose()
-        },
-    )?;
+    let ball = ShownBall {
+        ball: estimator.ball(),
+        number: None,
+        frames: output::named_frames(batch),
+        orientations: report.rows().orientations(),
+        spin: report.spin(),
+        sequence: &batch.sequence,
+    };
+    let page = EstimatePage::new(&[ball], |_, at| {
+        let shown = &batch.frames[at];
+        let drawn = || frame_thumbnail(&overlay::one_ball(estimator, shown));
+        shown.kept.as_ref().map(|_| drawn()).transpose()
+    })?;
     files::write_bytes(path, page.html()?.as_bytes())
+}
+
+/// Writes the page of several balls, each with its own frames.
+pub(super) fn write_balls(
+    path: &Path,
+    estimators: &[Estimator],
+    batch: &Batch<Picture>,
+    report: &balls::Report<'_>,
+) -> Result<()> {
+    let all: Vec<balls::BallRows<'_>> = report.by_number();
+    let shown = all.iter().map(|ball| ShownBall {
+        ball: estimators[ball.table].ball(),
+        number: Some(ball.number),
+        frames: ball
+            .frames
+            .iter()
+            .map(|(_, named)| *named)
+            .collect::<Vec<NamedFrame<'_>>>(),
+        orientations: ball.orientations.clone(),
+        spin: ball.spin.map(|spin| constant(spin, report.axes())),
+        sequence: &batch.sequence,
+    });
+    let shown: Vec<ShownBall<'_>> = shown.collect();
+    let page = EstimatePage::new(&shown, |ball, at| {
+        let (frame, _) = all[ball].frames[at];
+        let kept = batch.frames[frame].kept.as_ref();
+        let drawn = || frame_thumbnail(&report.drawn(frame, estimators));
+        kept.map(|_| drawn()).transpose()
+    })?;
+    files::write_bytes(path, page.html()?.as_bytes())
+}
+
+/// A ball's constant spin by the crate's axes.
+fn constant(spin: &std::result::Result<SpinSummary, SpinRejection>, axes: CameraFrame) -> Spin {
+    let summary = spin.as_ref().map_err(|rejection| *rejection)?;
+    let summary = summary.clone().turned(&axes.turn());
+    let motion = FittedMotion::Constant(summary.fit.clone());
+    Ok((summary, motion))
 }

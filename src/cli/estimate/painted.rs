@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::Arguments;
-use super::written::{FoundSpin, add_orientation, add_spin, clip_json, say_times, spin_words};
+use super::written::{ClipRows, FoundSpin, Row, add_orientation, add_spin, say_times, spin_words};
 use crate::ball::USUAL_BALL_MM;
 use crate::cli::inputs::{self, Counting};
 use crate::cli::spin_summary;
@@ -11,11 +11,13 @@ use crate::clip::{self, Batch, BatchFrame, SurfaceObserver};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::{CameraFrame, turned_covariance};
-use crate::spin::orientations::{OrientationRow, Orientations};
+use crate::spin::orientations::{BallColumns, OrientationRow};
 use crate::spin::robust::SpinConfig;
+use crate::surface::{
+    PaintedFrame, PaintedPose, PaintedPoses, PaintedRejection, PaintedTracker, SurfaceMap,
+};
 use crate::vision::outline::circle::CircleConfig;
 use crate::vision::outline::find::OutlineFinder;
-use crate::vision::painted::{PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, Surface};
 
 /// Radius of a ball of which nothing is said, m.
 const USUAL_RADIUS_M: f64 = 0.5e-3 * USUAL_BALL_MM;
@@ -23,7 +25,7 @@ const USUAL_RADIUS_M: f64 = 0.5e-3 * USUAL_BALL_MM;
 const SMALL_PX: f64 = 50.0;
 
 /// Estimates by the ball's surface, where an earlier clip left one.
-pub(super) fn run(arguments: &Arguments, surface: Option<&Surface>) -> Result<()> {
+pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result<()> {
     arguments.check_numbers()?;
     let asked = &arguments.asked;
     let camera = asked.camera()?;
@@ -54,15 +56,15 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&Surface>) -> Result<()
     let posed = poses.iter().flatten().count();
     // Alone, the first frame says nothing.
     let is_answered = posed > usize::from(made.is_some());
-    let known = made.as_ref().map(Surface::known);
-    let report = Report::new(arguments, &batch, poses, known)?;
+    let known = made.as_ref().map(SurfaceMap::known);
+    let report = Report::new(arguments, &batch, &poses, known)?;
     // Rows that another program's format refuses leave nothing written.
-    let rows = asked.rows(&report.orientations)?;
+    let rows = report.rows.text()?;
     if let (Some(path), Some(surface), true) = (&arguments.write_surface, &made, is_answered) {
         surface.write_npz(path)?;
     }
     arguments.write(file, &rows, || report.to_json())?;
-    report.say(posed);
+    report.say();
     asked.say_format()?;
     match is_answered {
         true => Ok(()),
@@ -92,11 +94,7 @@ fn say_small(frames: &[PaintedFrame]) {
 
 /// What is reported.
 struct Report<'a> {
-    arguments: &'a Arguments,
-    batch: &'a Batch<PaintedFrame>,
-    axes: CameraFrame,
-    poses: PaintedPoses,
-    orientations: Orientations,
+    rows: ClipRows<'a, PaintedFrame>,
     /// Share of the ball that the clip shows.
     known: Option<f64>,
     /// Where all frames have times that increase.
@@ -107,95 +105,75 @@ impl<'a> Report<'a> {
     fn new(
         arguments: &'a Arguments,
         batch: &'a Batch<PaintedFrame>,
-        poses: PaintedPoses,
+        poses: &PaintedPoses,
         known: Option<f64>,
     ) -> Result<Self> {
-        let axes = arguments.asked.frame()?;
-        let orientations = orientations(batch, &poses, axes);
+        let asked = &arguments.asked;
+        let axes = asked.frame()?;
+        let frames = batch.frames.iter().zip(poses);
+        let frames = frames.map(|(frame, pose)| vec![row(frame, pose, axes)]);
+        let rows = ClipRows {
+            asked,
+            axes,
+            batch,
+            frames: frames.collect(),
+            columns: BallColumns::default(),
+        };
         let config = SpinConfig {
             times: batch.times.origin(),
-            ..arguments.asked.spin()
+            ..asked.spin()
         };
         let timed = batch.times_s();
-        let spin = timed.map(|_| spin_summary::of_rows(&orientations, &config));
-        Ok(Self {
-            arguments,
-            batch,
-            axes,
-            poses,
-            orientations,
-            known,
-            spin,
-        })
+        let spin = timed.map(|_| spin_summary::of_rows(&rows.orientations(), &config));
+        Ok(Self { rows, known, spin })
     }
 
     /// Summarizes the outcome on standard error.
-    fn say(&self, posed: usize) {
-        for (frame, pose) in self.batch.frames.iter().zip(&self.poses) {
-            match (&frame.unreadable, pose) {
-                (Some(why), _) => errln!("{why}"),
-                (None, Err(why)) => errln!("{}: {why}", frame.name),
-                _ => {}
-            }
-        }
+    fn say(&self) {
+        let count = self.rows.frames.len();
+        (0..count).for_each(|k| self.rows.say_frame(k));
         if let Some(known) = self.known {
             errln!("{:.0} % of the ball shown", 100.0 * known);
         }
-        let count = self.poses.len();
+        let posed = self.rows.identified();
         errln!("{posed} of {count} frames have an orientation");
-        say_times(self.batch);
-        if let Some(words) = spin_words(self.spin.as_ref(), self.axes) {
+        say_times(self.rows.batch);
+        if let Some(words) = spin_words(self.spin.as_ref(), self.rows.axes) {
             errln!("spin: {words}");
         }
     }
 
     fn to_json(&self) -> Value {
-        let frames = self.batch.frames.iter().zip(&self.poses);
-        let frames = frames.zip(&self.orientations.rows);
-        let frames = frames.map(|((frame, pose), row)| {
-            let mut json = json!({ "frame": frame.name, "time_s": frame.time_s });
-            add_orientation(row, self.axes, &mut json);
-            match (&frame.unreadable, pose) {
-                (Some(why), _) => json["refusal"] = why.clone().into(),
-                (None, Err(why)) => json["refusal"] = why.to_string().into(),
-                (None, Ok(pose)) => json["agreement"] = pose.agreement.into(),
-            }
-            json
-        });
-        let (frames, identified) = (frames.collect(), self.poses.iter().flatten().count());
-        let mut json = clip_json(
-            &self.arguments.asked,
-            self.axes,
-            self.batch,
-            frames,
-            identified,
-        );
+        let mut json = self.rows.to_json();
         json["surface_known"] = self.known.into();
-        add_spin(self.spin.as_ref(), self.axes, &mut json);
+        add_spin(self.spin.as_ref(), self.rows.axes, &mut json);
         json
     }
 }
 
-fn orientations(
-    batch: &Batch<PaintedFrame>,
-    poses: &PaintedPoses,
+/// The row of a frame.
+fn row(
+    frame: &BatchFrame<PaintedFrame>,
+    pose: &std::result::Result<PaintedPose, PaintedRejection>,
     axes: CameraFrame,
-) -> Orientations {
+) -> Row {
     let turn = axes.turn();
-    let posed = poses.iter().map(|pose| pose.as_ref().ok());
-    let rows = batch.frames.iter().zip(posed);
-    let row = |(frame, pose): (&BatchFrame<PaintedFrame>, Option<&PaintedPose>)| OrientationRow {
+    let found = pose.as_ref().ok();
+    let row = OrientationRow {
         frame: frame.name.clone(),
         time_s: frame.time_s.unwrap_or(f64::NAN),
         // How often a pose is right depends on how far its clip has drifted, which the frame does not know: no confidence.
-        orientation: pose.map(|p| turn * p.rotation),
-        covariance: pose.map(|p| turned_covariance(&turn, &p.covariance)),
+        orientation: found.map(|p| turn * p.rotation),
+        covariance: found.map(|p| turned_covariance(&turn, &p.covariance)),
         position: frame.estimate().position().map(|p| p.turned(&turn)),
         ..OrientationRow::default()
     };
-    Orientations {
-        rows: rows.map(row).collect(),
-        camera_frame: Some(axes),
-        ..Orientations::default()
+    let mut json = json!({});
+    add_orientation(&row, axes, &mut json);
+    let note = pose.as_ref().err().map(ToString::to_string);
+    match (found, &note) {
+        (Some(pose), _) => json["agreement"] = pose.agreement.into(),
+        (None, why) => json["refusal"] = why.as_deref().into(),
     }
+    Row { row, json, note }
 }

@@ -7,9 +7,10 @@ use super::Asked;
 use super::verdict::VerdictWords;
 use crate::cli::{inputs, spin_summary};
 use crate::clip::{Batch, NamedFrame, orientations};
+use crate::files::csv::shown;
 use crate::geometry::{CameraFrame, to_wxyz};
 use crate::spin::SpinRejection;
-use crate::spin::orientations::OrientationRow;
+use crate::spin::orientations::{BallColumns, OrientationRow, Orientations};
 use crate::spin::summary::SpinSummary;
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::{FrameEstimate, Pose};
@@ -85,27 +86,110 @@ fn add_pose(pose: &Pose, json: &mut Value) {
     }
 }
 
-/// A clip as JSON, with these frames.
-pub(super) fn clip_json<K>(
-    asked: &Asked,
-    axes: CameraFrame,
-    batch: &Batch<K>,
-    frames: Vec<Value>,
-    identified: usize,
-) -> Value {
-    let skipped = batch.skipped.iter();
-    let skipped = skipped.map(|s| json!({ "folder": s.folder, "files": s.names }));
-    json!({
-        "frame": axes,
-        "mirrored": asked.mirrored,
-        "frames": frames,
-        "identified": identified,
-        "times": batch.times,
-        "times_words": inputs::times_words(&batch.times, batch.frames.len()),
-        "verdict": VerdictWords::new(&batch.judgment, &asked.table).to_json(),
-        "skipped": skipped.collect::<Vec<_>>(),
-        "focal_doubt": batch.focal_doubt,
-    })
+/// A ball of a frame: its row, the same as JSON, and what is to be said of it.
+pub(in crate::cli) struct Row {
+    pub row: OrientationRow,
+    pub json: Value,
+    /// Why the frame is to be named among those that need a look.
+    pub note: Option<String>,
+}
+
+/// A clip as all modes write it: the rows of each frame's balls.
+pub(super) struct ClipRows<'a, K> {
+    pub asked: &'a Asked,
+    /// The frame of orientations and spins.
+    pub axes: CameraFrame,
+    pub batch: &'a Batch<K>,
+    /// For each frame its balls.
+    pub frames: Vec<Vec<Row>>,
+    /// What is written of several balls. Where there is one, its values in JSON are those of the frame.
+    pub columns: BallColumns,
+}
+
+impl<K> ClipRows<'_, K> {
+    /// All rows as a file has them.
+    pub fn orientations(&self) -> Orientations {
+        Orientations {
+            rows: self
+                .frames
+                .iter()
+                .flatten()
+                .map(|r| r.row.clone())
+                .collect(),
+            camera_frame: Some(self.axes),
+            columns: self.columns,
+        }
+    }
+
+    /// Balls with an orientation.
+    pub fn identified(&self) -> usize {
+        let all = self.frames.iter().flatten();
+        all.filter(|r| r.row.orientation.is_some()).count()
+    }
+
+    /// The rows as they are asked for.
+    ///
+    /// # Errors
+    /// Those of [`crate::spin::fictrac::rows`].
+    pub fn text(&self) -> crate::error::Result<String> {
+        self.asked.rows(&self.orientations())
+    }
+
+    /// The clip as JSON.
+    pub fn to_json(&self) -> Value {
+        let frames = self.batch.frames.iter().zip(&self.frames);
+        let frames = frames.map(|(frame, rows)| {
+            let mut json = match &rows[..] {
+                [row] if !self.columns.ball => row.json.clone(),
+                _ => json!({ "balls": rows.iter().map(|r| &r.json).collect::<Vec<_>>() }),
+            };
+            json["frame"] = frame.name.as_str().into();
+            json["time_s"] = frame.time_s.into();
+            if let Some(words) = &frame.unreadable {
+                json["refusal"] = words.as_str().into();
+            }
+            json
+        });
+        let skipped = self.batch.skipped.iter();
+        let skipped = skipped.map(|s| json!({ "folder": s.folder, "files": s.names }));
+        json!({
+            "frame": self.axes,
+            "mirrored": self.asked.mirrored,
+            "frames": frames.collect::<Vec<_>>(),
+            "identified": self.identified(),
+            "times": self.batch.times,
+            "times_words": inputs::times_words(&self.batch.times, self.batch.frames.len()),
+            "verdict": VerdictWords::new(&self.batch.judgment, &self.asked.table).to_json(),
+            "skipped": skipped.collect::<Vec<_>>(),
+            "focal_doubt": self.batch.focal_doubt,
+        })
+    }
+
+    /// What is to be known of a clip's files and camera, on standard error.
+    pub fn say_inputs(&self) {
+        inputs::say_skipped(&self.batch.skipped);
+        inputs::say_cut_short(&self.batch.cut_short);
+        inputs::say_camera(self.batch.focal_doubt.as_ref());
+    }
+
+    /// What is to be said of a frame and its balls, on standard error.
+    pub fn say_frame(&self, k: usize) {
+        let frame = &self.batch.frames[k];
+        if let Some(why) = &frame.unreadable {
+            errln!("{why}");
+            return;
+        }
+        for row in &self.frames[k] {
+            if let Some(note) = &row.note {
+                let number = row.row.ball.map(|b| format!(", ball {b}"));
+                errln!(
+                    "{}{}: {note}",
+                    shown(&frame.name),
+                    number.unwrap_or_default()
+                );
+            }
+        }
+    }
 }
 
 /// Adds the spin, or why there is none; nothing where there are no times.

@@ -20,8 +20,19 @@ function el(name, attributes = {}, ...children) {
   return node;
 }
 
+/** What the ids and titles of the sections of a part begin with. */
+let PART = { id: "", title: "" };
+
+/** Begins a part of a page: its sections stand below its title. */
+function beginPart(id, title) {
+  PART = { id, title: title + ": " };
+  MAIN.append(el("h2", { class: "part", text: title }));
+}
+
 /** A section with its entry in the contents. `use` says how a screen is used, which paper leaves out. */
-function section(id, title, lead, use) {
+function section(name, heading, lead, use) {
+  const id = PART.id + name,
+    title = PART.title + heading;
   document.getElementById("contents").append(el("a", { href: "#" + id, text: title }));
   const node = el(
     "section",

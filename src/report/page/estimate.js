@@ -1,6 +1,14 @@
-// The page of an estimate: the ball as seen, its orientation over time, its spin, rejected frames.
+// The page of an estimate, for each ball: the ball as seen, its orientation over time, its spin, rejected frames.
 
-function estimatePage(d) {
+function estimatePage(page) {
+  if (!page.balls.length) MAIN.append(el("p", { class: "notice", text: "No ball was found." }));
+  for (const d of page.balls) {
+    if (d.number !== null) beginPart(`ball-${d.number}-`, `Ball ${d.number}`);
+    ballPart(d);
+  }
+}
+
+function ballPart(d) {
   const found = d.frames.filter((f) => f.orientation_wxyz);
   const row = [tile(`${found.length} of ${d.frames.length}`, "frames with an orientation")];
   if (d.spin) {

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::{Page, rounded};
 use crate::ball::Ball;
-use crate::clip::{Batch, BatchFrame, SequenceOutcome};
+use crate::clip::{NamedFrame, SequenceOutcome};
 use crate::design::KeepOut;
 use crate::error::Result;
 use crate::geometry::{CameraFrame, Rotation, to_wxyz};
@@ -17,7 +17,6 @@ use crate::spin::golf;
 use crate::spin::orientations::Orientations;
 use crate::spin::robust::standard_deviations;
 use crate::spin::summary::SpinSummary;
-use crate::vision::FrameEstimate;
 use crate::vision::frame::estimate::FrameRejection;
 
 /// Bytes that the pictures of a page may take together: with all else it stays below 6 MB.
@@ -25,10 +24,34 @@ const MAX_PICTURES: usize = 5_000_000;
 /// A golf ball measures 42.67 mm or a little more.
 const GOLF_WITHIN_MM: f64 = 0.2;
 
-/// What the page of an estimate shows. Orientations map the pattern's frame to the camera's, or to the view frame where the camera
-/// is unknown (x right, y up, z from the ball towards the camera).
+/// What the page of an estimate shows: one ball, or several one after the other.
 #[derive(Debug, Serialize)]
 pub struct EstimatePage {
+    balls: Vec<PageBall>,
+}
+
+/// A ball that a page is to show.
+#[derive(Debug, Clone)]
+pub struct ShownBall<'a> {
+    /// What it carries.
+    pub ball: &'a Ball,
+    /// Its number, where there are several.
+    pub number: Option<usize>,
+    /// The frames that show it, or might.
+    pub frames: Vec<NamedFrame<'a>>,
+    /// The rows of these frames.
+    pub orientations: Orientations,
+    /// What was found of the spin and its motion, in the axes of [`CameraFrame::Camera`], where the frames have times.
+    pub spin: Option<std::result::Result<(SpinSummary, FittedMotion), SpinRejection>>,
+    /// What the frames are to each other.
+    pub sequence: &'a SequenceOutcome,
+}
+
+/// A ball in the page. Orientations map the pattern's frame to the camera's, or to the view frame where the camera
+/// is unknown (x right, y up, z from the ball towards the camera).
+#[derive(Debug, Serialize)]
+pub struct PageBall {
+    number: Option<usize>,
     camera_frame: CameraFrame,
     dots: Vec<[f64; 3]>,
     /// The radius of a dot as an angle.
@@ -111,32 +134,74 @@ struct PageAlternative {
 }
 
 impl EstimatePage {
-    /// The page of `batch`, whose frames have these orientations of a ball. `picture` gives a frame's overlay as a PNG file where there is one; where
-    /// all together are too large, evenly chosen ones are shown. `spin` is what was found of it and of its motion, in the axes of
-    /// [`CameraFrame::Camera`], where the frames have times.
+    /// The page of balls. `picture` gives a frame's overlay as a PNG file where there is one, by the ball's and the frame's place; where all
+    /// together are too large, evenly chosen ones are shown.
     ///
     /// # Errors
     /// Those of `picture`.
-    pub fn new<K>(
-        ball: &Ball,
-        batch: &Batch<K>,
-        orientations: &Orientations,
-        spin: Option<&std::result::Result<(SpinSummary, FittedMotion), SpinRejection>>,
-        mut picture: impl FnMut(&BatchFrame<K>) -> Result<Option<Vec<u8>>>,
+    pub fn new(
+        balls: &[ShownBall<'_>],
+        mut picture: impl FnMut(usize, usize) -> Result<Option<Vec<u8>>>,
     ) -> Result<Self> {
-        let axes = orientations.camera_frame.unwrap_or_default();
-        let pattern = ball.pattern();
-        let [ball_mm, dot_mm] = ball.sizes_mm(None, None);
-        let shown = batch.frames.iter().zip(&orientations.rows);
-        let mut frames: Vec<PageFrame> = shown
+        let bytes = MAX_PICTURES / balls.len().max(1);
+        let balls = balls.iter().enumerate();
+        let balls = balls.map(|(k, ball)| PageBall::new(ball, bytes, |at| picture(k, at)));
+        Ok(Self {
+            balls: balls.collect::<Result<_>>()?,
+        })
+    }
+
+    /// The page as HTML.
+    ///
+    /// # Errors
+    /// [`crate::Error::Internal`] where the data are no JSON.
+    pub fn html(&self) -> Result<String> {
+        let frames = || self.balls.iter().flat_map(|ball| &ball.frames);
+        let posed = frames().filter(|f| f.orientation_wxyz.is_some()).count();
+        let identified = format!("{posed} of {} frames identified", frames().count());
+        let (title, subject) = match &self.balls[..] {
+            [one] => (
+                "Orientations and spin of a ball",
+                format!("{} dots", one.dots.len()),
+            ),
+            several => (
+                "Orientations and spins of balls",
+                format!("{} balls", several.len()),
+            ),
+        };
+        Page {
+            kind: "estimate",
+            title,
+            subtitle: &format!(
+                "{identified}, {subject}, spindoe {}",
+                env!("CARGO_PKG_VERSION")
+            ),
+            content: self,
+        }
+        .html()
+    }
+}
+
+impl PageBall {
+    /// With pictures of so many bytes at most.
+    fn new(
+        shown: &ShownBall<'_>,
+        bytes: usize,
+        mut picture: impl FnMut(usize) -> Result<Option<Vec<u8>>>,
+    ) -> Result<Self> {
+        let axes = shown.orientations.camera_frame.unwrap_or_default();
+        let pattern = shown.ball.pattern();
+        let [ball_mm, dot_mm] = shown.ball.sizes_mm(None, None);
+        let rows = shown.frames.iter().zip(&shown.orientations.rows);
+        let mut frames: Vec<PageFrame> = rows
             .map(|(frame, row)| {
                 let orientation = row.orientation.map(|q| axes.turn() * q);
                 PageFrame::new(frame, orientation.as_ref())
             })
             .collect();
-        let mut left = MAX_PICTURES;
-        for k in evenly(batch.frames.len()) {
-            let Some(png) = picture(&batch.frames[k])? else {
+        let mut left = bytes;
+        for k in evenly(frames.len()) {
+            let Some(png) = picture(k)? else {
                 continue;
             };
             let text = format!("data:image/png;base64,{}", STANDARD.encode(&png));
@@ -147,7 +212,9 @@ impl EstimatePage {
             left = rest;
             frames[k].picture = Some(text);
         }
+        let spin = shown.spin.as_ref();
         Ok(Self {
+            number: shown.number,
             camera_frame: CameraFrame::Camera.of_view(axes.is_view()),
             dots: pattern.dots().iter().map(|d| (*d).into()).collect(),
             dot_angle_rad: (dot_mm / ball_mm).min(1.0).asin(),
@@ -157,7 +224,7 @@ impl EstimatePage {
             spin: spin
                 .and_then(|spin| spin.as_ref().ok())
                 .map(|(summary, motion)| PageSpin::new(summary, motion)),
-            spin_rejection: match &batch.sequence {
+            spin_rejection: match shown.sequence {
                 SequenceOutcome::NoTimes => Some("the frames have no times".to_owned()),
                 SequenceOutcome::TimesNotIncreasing => Some("the times do not increase".to_owned()),
                 _ => spin
@@ -165,27 +232,6 @@ impl EstimatePage {
                     .map(ToString::to_string),
             },
         })
-    }
-
-    /// The page as HTML.
-    ///
-    /// # Errors
-    /// [`crate::Error::Internal`] where the data are no JSON.
-    pub fn html(&self) -> Result<String> {
-        let posed = self.frames.iter().filter(|f| f.orientation_wxyz.is_some());
-        Page {
-            kind: "estimate",
-            title: "Orientations and spin of a ball",
-            subtitle: &format!(
-                "{} of {} frames identified, {} dots, spindoe {}",
-                posed.count(),
-                self.frames.len(),
-                self.dots.len(),
-                env!("CARGO_PKG_VERSION")
-            ),
-            content: self,
-        }
-        .html()
     }
 }
 
@@ -208,12 +254,12 @@ fn evenly(n: usize) -> Vec<usize> {
 }
 
 impl PageFrame {
-    fn new<K>(shown: &BatchFrame<K>, orientation: Option<&Rotation>) -> Self {
-        let frame: &FrameEstimate = shown.estimate();
+    fn new(shown: &NamedFrame<'_>, orientation: Option<&Rotation>) -> Self {
+        let frame = shown.estimate;
         let pose = frame.pose();
         let rejection = frame.outcome.as_ref().err();
         Self {
-            name: shown.name.clone(),
+            name: shown.name.to_owned(),
             time_s: shown.time_s,
             orientation_wxyz: orientation.map(to_wxyz),
             confidence: pose.map(|p| rounded(p.confidence)),

@@ -21,16 +21,23 @@
 //!
 //! `t` is the density of the blurs' residuals (Student). Turns beyond [`Smear::max_turn`] are as likely as that.
 
-use nalgebra::{Matrix2x3, Matrix3, Matrix4, SMatrix, SVector, Vector2, Vector3, Vector4};
+use nalgebra::{Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 
 pub use super::cap::DotBlur;
+use crate::fit::{Damping, Descent, Normal, Student};
 use crate::geometry::Vec3;
 use crate::vision::optics::camera::BallView;
 
 /// Fewer dots give no turn.
 const MIN_DOTS: usize = 3;
-/// Maximum number of steps.
-const STEPS: usize = 30;
+/// Steps to the best turn.
+const DAMPING: Damping = Damping {
+    first: 1e-3,
+    down: 0.1,
+    up: 10.0,
+    most: f64::INFINITY,
+    steps: 30,
+};
 /// A smaller step, radians, ends the iteration.
 const CONVERGED: f64 = 1e-6;
 /// Standard deviation of what the model leaves out of a blur's covariance: of it, of the square of the dot's radius (ovals and
@@ -38,8 +45,8 @@ const CONVERGED: f64 = 1e-6;
 const MODEL_ERROR: [f64; 3] = [0.12, 0.003, 0.05];
 /// Rounds of weights for the lens's blur.
 const REWEIGHTED: usize = 4;
-/// Degrees of freedom of the dots' distribution: print beside a dot smears it otherwise.
-const DEGREES: f64 = 4.0;
+/// The dots' loss: print beside a dot smears it otherwise.
+const LOSS: Student = Student::new(4, 3);
 /// A turn that moves a dot that faces the camera by so many diameters is the largest that is measured: of longer smears too little
 /// is, and too short.
 const MAX_LENGTH: f64 = 1.4;
@@ -203,8 +210,8 @@ impl Smear {
         let of_dot = |dot: SmearedDot| {
             let (own, outlier) = (DETECTED.at(dot.length), OUTLIERS.at(dot.length));
             match dot.square {
-                Some(square) => (own * ln_student(square).exp()
-                    + outlier * ln_student(OUTLIER_SQUARE).exp())
+                Some(square) => (own * ln_density(square).exp()
+                    + outlier * ln_density(OUTLIER_SQUARE).exp())
                 .ln(),
                 None => (1.0 - own - outlier).ln(),
             }
@@ -237,7 +244,7 @@ impl Smear {
     /// Ln likelihood of the blurs that are measured alone, were all of them a dot's smear.
     fn ln_of_blurs(&self, rotation: &Vec3) -> f64 {
         let lens = self.lens(rotation);
-        let of_dot = |dot| ln_student(self.square(dot, rotation, lens));
+        let of_dot = |dot| ln_density(self.square(dot, rotation, lens));
         self.dots.iter().map(of_dot).sum()
     }
 
@@ -247,7 +254,7 @@ impl Smear {
         for _ in 0..REWEIGHTED {
             let (mut information, mut gradient) = (0.0, 0.0);
             for dot in &self.dots {
-                let weight = lens.map_or(1.0, |lens| weight(self.square(dot, rotation, lens)));
+                let weight = lens.map_or(1.0, |lens| LOSS.weight(self.square(dot, rotation, lens)));
                 let row = dot.information.row(0);
                 let rest = dot.blur - self.smeared(dot, rotation).0;
                 information += weight * row[0];
@@ -279,8 +286,8 @@ impl Smear {
     /// By `w w^T`: the linear equations without the ball's motion.
     fn start(&self) -> Option<Vec3> {
         const PAIRS: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
-        let mut information = SMatrix::<f64, 7, 7>::identity() * 1e-9;
-        let mut gradient = SVector::<f64, 7>::zeros();
+        let mut normal = Normal::<7>::default();
+        normal.information.fill_diagonal(1e-9);
         for dot in &self.dots {
             let [a, b] = [0, 1].map(|k| dot.by_turn.row(k).transpose());
             let mut by = SMatrix::<f64, 3, 7>::zeros();
@@ -292,10 +299,9 @@ impl Smear {
                 by[(2, k)] = product(&a, &b) / 12.0;
             }
             by[(0, 6)] = 1.0;
-            information += by.transpose() * dot.information * by;
-            gradient += by.transpose() * dot.information * dot.blur;
+            normal.add(&by, &dot.blur, &dot.information);
         }
-        let found = information.cholesky()?.solve(&gradient);
+        let found = normal.step()?;
         let mut square = Matrix3::zeros();
         for (k, (i, j)) in PAIRS.into_iter().enumerate() {
             square[(i, j)] = found[k];
@@ -307,50 +313,35 @@ impl Smear {
         Some(eigen.eigenvectors.column(largest) * length)
     }
 
-    /// Levenberg's iteration from a turn.
+    /// Damped steps from a turn.
     fn refined(&self, from: &Vec3) -> Option<Turn> {
-        let mut rotation = *from;
-        let mut likelihood = self.ln_of_blurs(&rotation);
-        let mut damping = 1e-3;
-        for _ in 0..STEPS {
-            let (information, gradient) = self.equations(&rotation);
-            let damped = information + Matrix3::identity() * (damping * information.trace());
-            let step = damped.cholesky()?.solve(&gradient);
-            let next = rotation + step;
-            let gained = self.ln_of_blurs(&next);
-            if gained < likelihood {
-                damping *= 10.0;
-                continue;
-            }
-            (rotation, likelihood) = (next, gained);
-            damping *= 0.1;
-            if step.norm() < CONVERGED {
-                break;
-            }
-        }
+        let found = DAMPING.descend(Turned::new(self, *from).with_equations());
         Some(Turn {
-            rotation,
-            covariance: self.equations(&rotation).0.try_inverse()?,
-            lens: self.lens(&rotation),
-            evidence: likelihood - self.ln_of_blurs(&Vec3::zeros()),
+            rotation: found.rotation,
+            covariance: found.equations.0.try_inverse()?,
+            lens: self.lens(&found.rotation),
+            evidence: found.ln_likelihood - self.ln_of_blurs(&Vec3::zeros()),
         })
     }
 
     /// Information and gradient of a turn; the lens's blur is eliminated.
     fn equations(&self, rotation: &Vec3) -> (Matrix3<f64>, Vec3) {
         let lens = self.lens(rotation);
-        let mut information = Matrix4::zeros();
-        let mut gradient = Vector4::zeros();
+        let mut normal = Normal::<4>::default();
         for dot in &self.dots {
-            let weight = weight(self.square(dot, rotation, lens));
+            let weight = LOSS.weight(self.square(dot, rotation, lens));
             let (blur, by_turn) = self.smeared(dot, rotation);
             let rest = dot.blur - blur - Vec3::x() * lens;
             let mut by = SMatrix::<f64, 3, 4>::zeros();
             by.fixed_columns_mut::<3>(0).copy_from(&by_turn);
             by[(0, 3)] = 1.0;
-            information += by.transpose() * dot.information * by * weight;
-            gradient += by.transpose() * dot.information * rest * weight;
+            normal.add(&by, &rest, &(dot.information * weight));
         }
+        let Normal {
+            information,
+            gradient,
+            ..
+        } = normal;
         let cross = information.fixed_view::<3, 1>(0, 3).into_owned();
         let of_lens = information[(3, 3)];
         (
@@ -360,14 +351,52 @@ impl Smear {
     }
 }
 
-/// Ln of Student's density, up to a constant.
-fn ln_student(square: f64) -> f64 {
-    -0.5 * (DEGREES + 3.0) * (square / DEGREES).ln_1p()
+/// Ln of the density of a blur, up to a constant.
+fn ln_density(square: f64) -> f64 {
+    -0.5 * LOSS.cost(square)
 }
 
-/// Of Student's distribution.
-fn weight(square: f64) -> f64 {
-    (DEGREES + 3.0) / (DEGREES + square)
+/// A turn on its way to the blurs' maximum likelihood.
+struct Turned<'a> {
+    smear: &'a Smear,
+    rotation: Vec3,
+    ln_likelihood: f64,
+    /// Information and gradient there.
+    equations: (Matrix3<f64>, Vec3),
+}
+
+impl<'a> Turned<'a> {
+    fn new(smear: &'a Smear, rotation: Vec3) -> Self {
+        Self {
+            smear,
+            rotation,
+            ln_likelihood: smear.ln_of_blurs(&rotation),
+            equations: (Matrix3::zeros(), Vec3::zeros()),
+        }
+    }
+
+    fn with_equations(mut self) -> Self {
+        self.equations = self.smear.equations(&self.rotation);
+        self
+    }
+}
+
+impl Descent for Turned<'_> {
+    fn cost(&self) -> f64 {
+        -self.ln_likelihood
+    }
+
+    fn stepped(&self, damping: f64) -> Option<Self> {
+        let (information, gradient) = &self.equations;
+        let damped = information + Matrix3::identity() * (damping * information.trace());
+        let step = damped.cholesky()?.solve(gradient);
+        Some(Self::new(self.smear, self.rotation + step))
+    }
+
+    fn follow(&mut self, before: Self) -> bool {
+        self.equations = self.smear.equations(&self.rotation);
+        (self.rotation - before.rotation).norm() >= CONVERGED
+    }
 }
 
 #[cfg(test)]

@@ -11,7 +11,6 @@ pub mod intrinsics;
 pub mod lens;
 pub(crate) mod off_center;
 pub(crate) mod oval;
-pub(crate) mod sums;
 mod tilt;
 
 pub use off_center::OffCenter;

@@ -8,7 +8,7 @@
 use nalgebra::{Matrix2, SVector, Vector2};
 
 use super::camera::BallView;
-use super::sums::Sums;
+use crate::fit::Sums;
 use crate::geometry::Vec3;
 
 /// Points of an outline.

@@ -9,3 +9,4 @@ pub(crate) mod path;
 pub(crate) mod place;
 pub(crate) mod recenter;
 pub(crate) mod rim;
+pub(crate) mod steady;

@@ -14,6 +14,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::error::{Error, Result};
+use crate::fit::{Student, Sums};
 use crate::image::GrayImage;
 use crate::vision::dots::net::cell_center;
 use crate::vision::dots::patch::{Framing, MIDDLE, Patch};
@@ -29,8 +30,8 @@ pub const UNIT: f64 = 4.0;
 pub const REACH: f64 = 10.0;
 /// Bounds of the logarithm of the inverse deviation.
 pub const LN_RANGE: [f32; 2] = [-2.5, 4.0];
-/// Degrees of freedom of the residuals.
-const DEGREES: f64 = 4.0;
+/// The loss of the residuals.
+const LOSS: Student = Student::new(4, 1);
 /// Gauss-Newton steps.
 const STEPS: usize = 6;
 /// Maximum number of patches cut for one outline.
@@ -140,7 +141,7 @@ pub fn fit_cells(cells: &[f32]) -> Option<CellFit> {
     let mut circle = Vector3::new(0.0, 0.0, Framing::OUTLINE.radius);
     let mut covariance = None;
     for _ in 0..STEPS {
-        let (mut information, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
+        let mut sums = Sums::<3>::default();
         let mut near = 0;
         for (cell, (d, ln)) in distances.iter().zip(precisions).enumerate() {
             let column = cell_center(cell % CELLS) - MIDDLE - circle.x;
@@ -154,15 +155,14 @@ pub fn fit_cells(cells: &[f32]) -> Option<CellFit> {
             let precision = (2.0 * f64::from(ln.clamp(LN_RANGE[0], LN_RANGE[1]))).exp();
             let precision = precision / (UNIT * UNIT);
             let residual = out - circle.z - d;
-            let weight = precision * (DEGREES + 1.0) / (DEGREES + precision * residual * residual);
-            let j = Vector3::new(column / out, row / out, 1.0);
-            information += j * j.transpose() * weight;
-            gradient += j * (weight * residual);
+            let weight = precision * LOSS.weight(precision * residual * residual);
+            sums.add(&[column / out, row / out, 1.0], residual, weight);
         }
         if near < MIN_CELLS {
             return None;
         }
-        circle += information.cholesky()?.solve(&gradient);
+        let information = sums.symmetric();
+        circle += information.cholesky()?.solve(&Vector3::from(sums.gradient));
         let is_sane =
             circle.xy().norm() < Framing::OUTLINE.radius && (5.0..60.0).contains(&circle.z);
         if !is_sane {

@@ -10,9 +10,7 @@
 
 use std::collections::VecDeque;
 
-use nalgebra::{Matrix3, Vector3};
-
-use crate::stats::biweight;
+use crate::fit::Reweighting;
 use crate::vision::optics::camera::{BallCircle, Pixel};
 
 /// Outlines that make a path.
@@ -23,9 +21,13 @@ const MIN_NEIGHBORS: (usize, usize) = (3, 5);
 const BEYOND: f64 = 2.5;
 /// Outlines that scatter about the path by more than this, in radii, make none.
 pub(crate) const MAX_SCATTER: f64 = 0.15;
-/// Reweighted fits, and the biweight's reach in median deviations.
-const ROUNDS: usize = 6;
-const REACH: f64 = 7.0;
+/// Outlines are never known better than to a tenth of a pixel.
+const REWEIGHTING: Reweighting = Reweighting {
+    fits: 6,
+    reach: 7.0,
+    least: 0.1,
+    starts_level: false,
+};
 /// Outlines that are remembered.
 const SEEN: usize = 2;
 /// The radius changes by at most this part from the last outline to the predicted one.
@@ -45,62 +47,77 @@ pub(crate) fn expected_outline(around: &[(f64, BallCircle)]) -> Option<BallCircl
     if step.is_nan() || step <= 0.0 || first > BEYOND * step || last < -BEYOND * step {
         return None;
     }
-    let values = |f: fn(&BallCircle) -> f64| -> Vec<(f64, f64)> {
-        around.iter().map(|(t, c)| (t / step, f(c))).collect()
+    let scaled: Vec<(f64, BallCircle)> = around.iter().map(|(t, c)| (t / step, *c)).collect();
+    let center = match around.len() >= MIN_NEIGHBORS.1 {
+        true => Degree::Parabola,
+        false => Degree::Line,
     };
-    let is_curved = around.len() >= MIN_NEIGHBORS.1;
-    let u = at_zero(&values(|c| c.center.u), is_curved)?;
-    let v = at_zero(&values(|c| c.center.v), is_curved)?;
-    let radius = at_zero(&values(|c| c.radius), false)?;
-    let scatter = u.scatter.hypot(v.scatter).max(radius.scatter);
-    let is_smooth = radius.value > 0.0 && scatter <= MAX_SCATTER * radius.value;
-    is_smooth.then_some(BallCircle::new(
-        Pixel {
+    let path = OutlineAtZero::fit(&scaled, [center, Degree::Line], &REWEIGHTING)?;
+    let [u, v, radius] = path.scatters;
+    let is_smooth =
+        path.circle.radius > 0.0 && u.hypot(v).max(radius) <= MAX_SCATTER * path.circle.radius;
+    is_smooth.then_some(path.circle)
+}
+
+/// How center or radius change with time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Degree {
+    /// Not at all.
+    Level,
+    /// Evenly.
+    Line,
+    /// As those of a ball that falls.
+    Parabola,
+}
+
+/// The outline at time 0 by polynomials through those at other times.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct OutlineAtZero {
+    pub circle: BallCircle,
+    /// Median deviations of the centers' u and v and the radii, pixels.
+    pub scatters: [f64; 3],
+    /// Variances of the center's u and v over those of the outlines.
+    pub variances: [f64; 2],
+}
+
+impl OutlineAtZero {
+    /// Of outlines at their times, for the degrees of center and radius; `None` where they do not fix it.
+    pub fn fit(
+        around: &[(f64, BallCircle)],
+        [of_center, of_radius]: [Degree; 2],
+        how: &Reweighting,
+    ) -> Option<Self> {
+        let fit = |value: fn(&BallCircle) -> f64, degree: Degree| {
+            let points: Vec<(f64, f64)> = around.iter().map(|(t, c)| (*t, value(c))).collect();
+            match degree {
+                Degree::Level => how.value_at_zero::<1>(&points),
+                Degree::Line => how.value_at_zero::<2>(&points),
+                Degree::Parabola => how.value_at_zero::<3>(&points),
+            }
+        };
+        let u = fit(|c| c.center.u, of_center)?;
+        let v = fit(|c| c.center.v, of_center)?;
+        let radius = fit(|c| c.radius, of_radius)?;
+        let center = Pixel {
             u: u.value,
             v: v.value,
-        },
-        radius.value,
-    ))
-}
-
-/// A polynomial's value at 0, and the median deviation of what it was fitted to.
-struct Smooth {
-    value: f64,
-    scatter: f64,
-}
-
-/// Fits a line or a parabola to `(t, y)`.
-fn at_zero(points: &[(f64, f64)], is_curved: bool) -> Option<Smooth> {
-    let mut weights = vec![1.0; points.len()];
-    let mut deviations = Vec::with_capacity(points.len());
-    let mut fitted = None;
-    for _ in 0..ROUNDS {
-        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-        for ((t, y), weight) in points.iter().zip(&weights) {
-            let row = Vector3::new(1.0, *t, if is_curved { t * t } else { 0.0 });
-            normal += row * row.transpose() * *weight;
-            right += row * (*weight * y);
-        }
-        if !is_curved {
-            normal[(2, 2)] = 1.0;
-        }
-        let found = normal.cholesky()?.solve(&right);
-        let residual = |(t, y): &(f64, f64)| y - found.x - found.y * t - found.z * t * t;
-        deviations.clear();
-        deviations.extend(points.iter().map(|p| residual(p).abs()));
-        deviations.sort_unstable_by(f64::total_cmp);
-        let median = deviations[deviations.len() / 2];
-        // Outlines are never known better than to a tenth of a pixel.
-        let reach = REACH * median.max(0.1);
-        for (point, weight) in points.iter().zip(&mut weights) {
-            *weight = biweight(residual(point) / reach);
-        }
-        fitted = Some(Smooth {
-            value: found.x,
-            scatter: median,
-        });
+        };
+        Some(Self {
+            circle: BallCircle::new(center, radius.value),
+            scatters: [u.scatter, v.scatter, radius.scatter],
+            variances: [u.variance, v.variance],
+        })
     }
-    fitted
+}
+
+/// The circle at a part of the straight way from one to another, or beyond.
+pub(crate) fn along(from: &BallCircle, to: &BallCircle, share: f64) -> BallCircle {
+    let mix = |a: f64, b: f64| a + (b - a) * share;
+    let center = Pixel {
+        u: mix(from.center.u, to.center.u),
+        v: mix(from.center.v, to.center.v),
+    };
+    BallCircle::new(center, mix(from.radius, to.radius))
 }
 
 /// The larger of the center's and the radius' difference, in radii.
@@ -151,17 +168,10 @@ impl OutlineMotion {
         if last_s <= first_s {
             return Some(last);
         }
-        let steps = (time_s - last_s) / (last_s - first_s);
-        let ahead = |from: f64, to: f64| to + steps * (to - from);
-        let radius = ahead(first.radius, last.radius);
+        let ahead = along(&first, &last, (time_s - first_s) / (last_s - first_s));
         let (min, max) = (1.0 - MAX_GROWTH, 1.0 + MAX_GROWTH);
-        Some(BallCircle::new(
-            Pixel {
-                u: ahead(first.center.u, last.center.u),
-                v: ahead(first.center.v, last.center.v),
-            },
-            radius.clamp(min * last.radius, max * last.radius),
-        ))
+        let radius = ahead.radius.clamp(min * last.radius, max * last.radius);
+        Some(BallCircle { radius, ..ahead })
     }
 }
 

@@ -9,7 +9,7 @@ use nalgebra::Matrix3;
 
 use super::dense::{DenseMatch, DenseMatcher};
 use super::identify::{DISAGREEMENT, PoseHypothesis};
-use super::trust::{DenseEvidence, PoseEvidence};
+use super::trust::{PlacesEvidence, PoseEvidence, PoseSource};
 use crate::geometry::Rotation;
 use crate::vision::dots::detector::DotDetection;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
@@ -61,23 +61,13 @@ impl Estimator {
         });
         let moved = moved(outline, &found);
         let view = BallView::new(&camera, moved.circle).ok()?;
-        self.name_dots(&view, &found.rotation, &out.dots, &mut out.assignment);
-        self.observe(self.config.dot_probability[1], &view, ws, &out.dots);
         ws.spending.runs += 1;
-        let rotation = view.to_camera() * found.rotation;
-        let agrees = |h: &Hypothesis| h.rotation.angle_to(&rotation) < DISAGREEMENT;
-        let recognized = out.hypotheses[0].filter(agrees);
-        let evidence = PoseEvidence {
-            confidence: recognized.map_or(0.0, |h| h.evidence.confidence),
-            dense: Some(DenseEvidence {
-                score: found.score,
-                margin: found.margin,
-            }),
-            ..self.evidence(&found.rotation, &out.dots, ws, |k| {
-                out.assignment[ws.indices[k]]
-            })
-        };
-        out.hypotheses[1] = Some(Hypothesis { rotation, evidence });
+        let source = PoseSource::Places(PlacesEvidence {
+            score: found.score,
+            margin: found.margin,
+        });
+        let Hypothesis { evidence, .. } =
+            self.propose_match(&view, &found.rotation, source, ws, out);
         let confidence = self.config.trust.probability(&evidence);
         if confidence < self.config.min_confidence {
             return None;
@@ -92,6 +82,35 @@ impl Estimator {
         self.refine(&hypothesis, &moved, false, ws, out).ok()
     }
 
+    /// What speaks for a match (view frame): what it was found by, the detections that it explains, which it names, and these alone where
+    /// they show the same orientation.
+    pub(crate) fn propose_match(
+        &self,
+        view: &BallView,
+        rotation: &Rotation,
+        source: PoseSource,
+        ws: &mut EstimatorWorkspace,
+        out: &mut FrameEstimate,
+    ) -> Hypothesis {
+        self.name_dots(view, rotation, &out.dots, &mut out.assignment);
+        self.observe(self.config.dot_probability[1], view, ws, &out.dots);
+        let names = &out.assignment;
+        let evidence = self.evidence(rotation, &out.dots, ws, |k| names[ws.indices[k]]);
+        let rotation = view.to_camera() * rotation;
+        let agrees = |h: &&Hypothesis| h.rotation.angle_to(&rotation) < DISAGREEMENT;
+        let recognized = out.hypotheses[0].as_ref().filter(agrees);
+        let hypothesis = Hypothesis {
+            rotation,
+            evidence: PoseEvidence {
+                confidence: recognized.map_or(0.0, |h| h.evidence.confidence),
+                source,
+                ..evidence
+            },
+        };
+        out.hypotheses[1] = Some(hypothesis);
+        hypothesis
+    }
+
     /// The pattern, ready to be matched.
     pub(crate) fn dense_matcher(&self) -> &DenseMatcher {
         let new = || DenseMatcher::new(self.pattern().dots());
@@ -99,7 +118,7 @@ impl Estimator {
     }
 
     /// Gives detections the names of the expected dots next to them, the nearest first.
-    pub(crate) fn name_dots(
+    fn name_dots(
         &self,
         view: &BallView,
         rotation: &Rotation,

@@ -92,12 +92,12 @@ pub struct DenseMatch {
 #[derive(Debug, Clone)]
 pub struct DenseMatcher {
     dots: Vec<Vec3>,
-    tables: [Table; 2],
+    tables: [CellTable; 2],
 }
 
 /// The cells of the visible dots under each orientation, for one distance.
 #[derive(Debug, Clone)]
-struct Table {
+struct CellTable {
     inverse_distance: f64,
     /// Where the cells of each orientation end.
     ends: Vec<u32>,
@@ -110,7 +110,7 @@ pub struct DenseWorkspace {
     terms: [f32; CELLS * CELLS],
     scores: Vec<(f32, u32)>,
     starts: Vec<Rotation>,
-    found: Vec<Found>,
+    found: Vec<Peak>,
 }
 
 impl Default for DenseWorkspace {
@@ -125,13 +125,13 @@ impl Default for DenseWorkspace {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Found {
-    fit: Fit,
+struct Peak {
+    fit: Alignment,
     score: f64,
     is_mirrored: bool,
 }
 
-impl Table {
+impl CellTable {
     fn new(dots: &[Vec3], inverse_distance: f64) -> Self {
         let mut ends = Vec::with_capacity(ROTATIONS);
         let mut cells = Vec::with_capacity(ROTATIONS * dots.len() / 2);
@@ -173,7 +173,7 @@ impl DenseMatcher {
     pub fn new(dots: &[Vec3]) -> Self {
         Self {
             dots: dots.to_vec(),
-            tables: INVERSE_DISTANCES.map(|k| Table::new(dots, k)),
+            tables: INVERSE_DISTANCES.map(|k| CellTable::new(dots, k)),
         }
     }
 
@@ -196,14 +196,14 @@ impl DenseMatcher {
                 self.improve_best(table, inverse_distance, is_mirrored, ws);
             }
         }
-        let by_score = |a: &&Found, b: &&Found| a.score.total_cmp(&b.score);
+        let by_score = |a: &&Peak, b: &&Peak| a.score.total_cmp(&b.score);
         let best = *ws
             .found
             .iter()
             .filter(|f| !f.is_mirrored)
             .max_by(by_score)?;
         let is_other =
-            |f: &&Found| f.is_mirrored || f.fit.rotation.angle_to(&best.fit.rotation) > DIFFERENT;
+            |f: &&Peak| f.is_mirrored || f.fit.rotation.angle_to(&best.fit.rotation) > DIFFERENT;
         let others = ws.found.iter().filter(is_other).map(|f| f.score);
         let others = others.fold(0.0, f64::max);
         terms_of(heat, 0, &mut ws.terms);
@@ -221,7 +221,7 @@ impl DenseMatcher {
     /// Improves the best of the orientations tried that are not next to each other.
     fn improve_best(
         &self,
-        table: &Table,
+        table: &CellTable,
         inverse_distance: Option<f64>,
         is_mirrored: bool,
         ws: &mut DenseWorkspace,
@@ -230,8 +230,8 @@ impl DenseMatcher {
         best_apart(&mut ws.scores, CONSIDERED, IMPROVED, &mut ws.starts);
         let at = inverse_distance.unwrap_or(table.inverse_distance);
         for &start in &ws.starts {
-            let (fit, score) = self.improve(&ws.terms, Fit::new(start, at));
-            ws.found.push(Found {
+            let (fit, score) = self.improve(&ws.terms, Alignment::new(start, at));
+            ws.found.push(Peak {
                 fit,
                 score,
                 is_mirrored,
@@ -257,7 +257,7 @@ impl DenseMatcher {
     }
 
     /// The tables nearest to a distance.
-    fn in_question(&self, inverse_distance: Option<f64>) -> &[Table] {
+    fn in_question(&self, inverse_distance: Option<f64>) -> &[CellTable] {
         let [far, near] = INVERSE_DISTANCES;
         match inverse_distance {
             None => &self.tables,
@@ -267,7 +267,7 @@ impl DenseMatcher {
     }
 
     /// Turns about each axis, shifts and scales, as long as that gains, by ever smaller steps.
-    fn improve(&self, terms: &[f32; CELLS * CELLS], start: Fit) -> (Fit, f64) {
+    fn improve(&self, terms: &[f32; CELLS * CELLS], start: Alignment) -> (Alignment, f64) {
         let mut best = (start, self.score(terms, &start));
         let mut step = STEPS[0];
         while step > STEPS[1] {
@@ -289,7 +289,7 @@ impl DenseMatcher {
     }
 
     /// The sum for any orientation and outline, terms interpolated between cells, less what the outline is off by.
-    fn score(&self, terms: &[f32; CELLS * CELLS], fit: &Fit) -> f64 {
+    fn score(&self, terms: &[f32; CELLS * CELLS], fit: &Alignment) -> f64 {
         let turn = fit.rotation.to_rotation_matrix();
         let k = fit.inverse_distance;
         let depth = min_depth(k);
@@ -313,14 +313,14 @@ impl DenseMatcher {
 
 /// What is improved.
 #[derive(Debug, Clone, Copy)]
-struct Fit {
+struct Alignment {
     rotation: Rotation,
     inverse_distance: f64,
     shift: [f64; 2],
     scale: f64,
 }
 
-impl Fit {
+impl Alignment {
     fn new(rotation: Rotation, inverse_distance: f64) -> Self {
         Self {
             rotation,

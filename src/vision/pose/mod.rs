@@ -11,5 +11,5 @@ pub(crate) mod trust;
 pub(crate) mod whole;
 
 pub use trust::{
-    DENSE_FEATURES, DenseEvidence, FEATURES, PoseEvidence, TrustMap, WHOLE_FEATURES, WholeEvidence,
+    FEATURES, PixelsEvidence, PlacesEvidence, PoseEvidence, PoseSource, TrustMap, Weights,
 };

@@ -10,25 +10,20 @@
 //! ln odds' = w_0 + sum_i w_i f_i
 //! ```
 //!
-//! Poses that were not found by their detections but by all places where dots may be ([`super::dense`]) have weights of
-//! their own, for what those places say beside that.
+//! Poses that were not found by their detections but by all places where dots may be ([`super::dense`]), or by all pixels of a small ball
+//! ([`super::pixels`]), have weights of their own, for what those say beside that.
 //!
-//! `bench derive` in `studies/` fits the weights, on images of which every second shows the ball, and begins with
-//! the recognizer's own probability; `bench confidence` compares claims with the truth on other images. Claims are therefore those of someone who
+//! `bench derive` in `studies/` fits the weights, on images of which every second shows the ball (small balls for those of their pixels), and
+//! begins with the recognizer's own probability; `bench confidence` compares claims with the truth on other images. Claims are therefore those of someone who
 //! does not know whether the ball is there: among images that all show it, more of them are correct.
 
 use crate::vision::optics::derived;
 
 /// Number of features.
 pub const FEATURES: usize = 6;
-/// Number of features of poses that were found by all places where dots may be.
-pub const DENSE_FEATURES: usize = 5;
+/// A constant and the weights of the features.
+pub type Weights = [f64; FEATURES + 1];
 
-/// Number of features of poses that were found by all pixels of a small ball.
-pub const WHOLE_FEATURES: usize = 5;
-/// Constant and weights of [`PoseEvidence::whole_features`]: `bench small --fit 1800 --seed 9100`. Of 49 poses of other images that
-/// it claims 0.85 or more of, half of whose images show no such ball, 48 were right.
-const WHOLE: [f64; WHOLE_FEATURES + 1] = [-1.0548, 0.4948, 0.1130, 5.4169, -0.0722, -0.8381];
 /// A larger margin is no surer: what the model leaves out does not shrink with it.
 const MAX_MARGIN: f64 = 25.0;
 /// So many dots of anything fit some pose: it is no likelier than not, unless a motion expects it. Of 300 frames of
@@ -56,27 +51,36 @@ pub struct PoseEvidence {
     pub missing: usize,
     /// How much the detector doubts the named dots: the mean of `-ln p`.
     pub doubt: f64,
-    /// Where the pose was found by all places where dots may be: what these say.
-    pub dense: Option<DenseEvidence>,
-    /// Where the pose was found by all pixels of a small ball (`src/vision/whole`): by how much its logarithmic likelihood
-    /// exceeds that of any other.
-    pub whole: Option<WholeEvidence>,
     /// How far the named dots are off, in standard deviations per axis: the root of the mean square.
     pub misfit: f64,
+    /// How the pose was found.
+    pub source: PoseSource,
+}
+
+/// What a pose was found by.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum PoseSource {
+    /// Its detections.
+    #[default]
+    Detections,
+    /// All places where dots may be.
+    Places(PlacesEvidence),
+    /// All pixels of a small ball.
+    Pixels(PixelsEvidence),
 }
 
 /// What the cells of the detector's map say of a pose (`pose::dense`).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DenseEvidence {
+pub struct PlacesEvidence {
     /// The sum of its terms.
     pub score: f64,
     /// By how much that exceeds the sum of any other orientation.
     pub margin: f64,
 }
 
-/// What the pixels of a small ball say of a pose (`src/vision/whole`).
+/// What the pixels of a small ball say of a pose (`pose::pixels`).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WholeEvidence {
+pub struct PixelsEvidence {
     /// By how much its logarithmic likelihood exceeds that of any other orientation.
     pub margin: f64,
     /// The part of the squares that shading leaves which the dots explain.
@@ -84,45 +88,37 @@ pub struct WholeEvidence {
 }
 
 impl PoseEvidence {
-    /// The features of a pose that its detections gave, beside the constant 1.
+    /// What the map weighs, beside the constant 1, in the order of the weights of the pose's source; 0 where there are fewer.
     pub fn features(&self) -> [f64; FEATURES] {
-        [
-            self.ln_odds(),
-            self.named as f64,
-            self.unnamed as f64,
-            self.missing as f64,
-            self.doubt.min(MAX_DOUBT),
-            self.misfit.min(MAX_MISFIT),
-        ]
-    }
-
-    /// The features of a pose that was found by all places where dots may be; `None` for others.
-    pub fn dense_features(&self) -> Option<[f64; DENSE_FEATURES]> {
-        let DenseEvidence { score, margin } = self.dense?;
-        Some([
-            self.ln_odds(),
-            self.unnamed as f64,
-            self.missing as f64,
-            margin,
-            score,
-        ])
-    }
-
-    /// The features of a pose that was found by all pixels of a small ball; `None` for others.
-    pub fn whole_features(&self) -> Option<[f64; WHOLE_FEATURES]> {
-        let WholeEvidence { margin, explained } = self.whole?;
-        Some([
-            self.ln_odds(),
-            margin.min(MAX_MARGIN),
-            explained,
-            self.unnamed as f64,
-            self.missing as f64,
-        ])
+        let [named, unnamed, missing] =
+            [self.named, self.unnamed, self.missing].map(|count| count as f64);
+        let ln_odds = self.ln_odds();
+        match self.source {
+            PoseSource::Detections => [
+                ln_odds,
+                named,
+                unnamed,
+                missing,
+                self.doubt.min(MAX_DOUBT),
+                self.misfit.min(MAX_MISFIT),
+            ],
+            PoseSource::Places(PlacesEvidence { score, margin }) => {
+                [ln_odds, unnamed, missing, margin, score, 0.0]
+            }
+            PoseSource::Pixels(PixelsEvidence { margin, explained }) => [
+                ln_odds,
+                margin.min(MAX_MARGIN),
+                explained,
+                unnamed,
+                missing,
+                0.0,
+            ],
+        }
     }
 
     /// Whether the pose is that of its detections.
     pub fn is_of_detections(&self) -> bool {
-        self.dense.is_none() && self.whole.is_none()
+        self.source == PoseSource::Detections
     }
 
     fn ln_odds(&self) -> f64 {
@@ -135,52 +131,51 @@ impl PoseEvidence {
 /// The map from evidence to a probability.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct TrustMap {
-    /// The constant.
-    pub constant: f64,
-    /// The weights of [`PoseEvidence::features`].
-    pub weights: [f64; FEATURES],
-    /// Constant and weights of [`PoseEvidence::dense_features`], for poses that have these.
-    pub dense: [f64; DENSE_FEATURES + 1],
+    /// For poses by their detections.
+    pub detections: Weights,
+    /// By all places where dots may be.
+    pub places: Weights,
+    /// By all pixels of a small ball.
+    pub pixels: Weights,
 }
 
 impl TrustMap {
     /// The recognizer's own probability.
-    pub const IDENTITY: Self = Self {
-        constant: 0.0,
-        weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        dense: [0.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+    pub const IDENTITY: Self = {
+        let own = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        Self {
+            detections: own,
+            places: own,
+            pixels: own,
+        }
+    };
+
+    /// Fitted for patterns of 12, 20 and 32 dots (docs/measurements/trust.md).
+    pub const DEFAULT: Self = Self {
+        detections: derived::TRUST_MAP,
+        places: derived::DENSE_MAP,
+        pixels: derived::PIXELS_MAP,
     };
 
     /// For dots that may be off by more than the default placement: fitted without the detector's doubt and the
     /// misfit, which a wide placement makes small for any pose.
-    pub const WIDE: Self = Self::derived(&derived::TRUST_MAP_WIDE);
-
-    /// Fitted for patterns of 12, 20 and 32 dots (docs/measurements/trust.md).
-    pub const DEFAULT: Self = Self::derived(&derived::TRUST_MAP);
-
-    /// Of the constant and the weights.
-    const fn derived(&[constant, w0, w1, w2, w3, w4, w5]: &[f64; FEATURES + 1]) -> Self {
-        Self {
-            constant,
-            weights: [w0, w1, w2, w3, w4, w5],
-            dense: derived::DENSE_MAP,
-        }
-    }
+    pub const WIDE: Self = Self {
+        detections: derived::TRUST_MAP_WIDE,
+        ..Self::DEFAULT
+    };
 
     /// The probability that the pose is correct.
     pub fn probability(&self, evidence: &PoseEvidence) -> f64 {
         if *self == Self::IDENTITY {
             return evidence.confidence;
         }
-        let sum = |constant: f64, weights: &[f64], features: &[f64]| {
-            let terms = weights.iter().zip(features).map(|(w, f)| w * f);
-            constant + terms.sum::<f64>()
+        let [constant, weights @ ..] = match evidence.source {
+            PoseSource::Detections => &self.detections,
+            PoseSource::Places(_) => &self.places,
+            PoseSource::Pixels(_) => &self.pixels,
         };
-        let ln_odds = match (evidence.whole_features(), evidence.dense_features()) {
-            (Some(features), _) => sum(WHOLE[0], &WHOLE[1..], &features),
-            (None, Some(features)) => sum(self.dense[0], &self.dense[1..], &features),
-            (None, None) => sum(self.constant, &self.weights, &evidence.features()),
-        };
+        let terms = weights.iter().zip(evidence.features()).map(|(w, f)| w * f);
+        let ln_odds = constant + terms.sum::<f64>();
         let probability = 1.0 / (1.0 + (-ln_odds).exp());
         let is_any = evidence.is_of_detections() && evidence.named <= ANY_DOTS;
         if is_any && probability > EVEN {

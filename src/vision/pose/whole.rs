@@ -8,15 +8,15 @@ use std::time::Instant;
 
 use nalgebra::Matrix3;
 
-use super::identify::{CLEAR, DISAGREEMENT, PoseHypothesis, in_view};
+use super::identify::{CLEAR, PoseHypothesis, in_view};
 use super::pixels::{self, WholeMatch};
-use super::trust::{PoseEvidence, WholeEvidence};
+use super::trust::{PixelsEvidence, PoseEvidence, PoseSource};
 use crate::geometry::Rotation;
 use crate::recognize::Hint;
 use crate::vision::dots::detector::DotDetection;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::config::CameraModel;
-use crate::vision::frame::estimate::{FrameEstimate, Hypothesis};
+use crate::vision::frame::estimate::FrameEstimate;
 use crate::vision::frame::outline::Outline;
 use crate::vision::optics::ball_pixels::BallPixels;
 use crate::vision::optics::camera::{BallView, Camera};
@@ -82,9 +82,9 @@ impl Estimator {
         let mut found = ws
             .whole
             .best(dots, matcher, &start, proposed, &mut ws.dense)?;
-        let worth = self.evidence_of(&view, &found, ws, out);
-        out.hypotheses[1] = Some(worth);
-        let mut confidence = self.config.trust.probability(&worth.evidence);
+        let evidence = self.propose_whole(&view, &found, ws, out);
+        let alone = out.hypotheses[1];
+        let mut confidence = self.config.trust.probability(&evidence);
         // The pixels alone must be clear: of 33 poses that claim 0.85 to 0.9, 30 were right;
         // of 178 that claim more, 172 (small balls and, half as often, other things: 6 000 images, seed 71001).
         let (min, clear) = (
@@ -94,8 +94,10 @@ impl Estimator {
         let hint = hint.filter(|_| confidence < clear);
         if let Some(hint) = &hint {
             found = ws.whole.weigh_expected(dots, &start, &expected(hint)?)?;
-            let worth = self.evidence_of(&view, &found, ws, out);
-            confidence = self.config.trust.probability(&worth.evidence);
+            let expected = self.propose_whole(&view, &found, ws, out);
+            confidence = self.config.trust.probability(&expected);
+            // What the pixels alone propose stays.
+            out.hypotheses[1] = alone;
         }
         if confidence < if hint.is_some() { min } else { clear } {
             return None;
@@ -114,7 +116,7 @@ impl Estimator {
             camera,
             dots_confidence: confidence,
             confidence,
-            evidence: worth.evidence,
+            evidence,
         };
         self.refine_placed(&hypothesis, outline, hint.is_some(), ws, out)
     }
@@ -153,34 +155,21 @@ impl Estimator {
         Some(())
     }
 
-    /// What speaks for a match: the pixels, the dots that it explains, and these alone where they show the same orientation.
-    fn evidence_of(
+    /// What speaks for a match by all pixels; it names no detection.
+    fn propose_whole(
         &self,
         view: &BallView,
         found: &WholeMatch,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
-    ) -> Hypothesis {
-        let rotation = view.to_camera() * found.fit.rotation;
-        let agrees = |h: &&Hypothesis| h.rotation.angle_to(&rotation) < DISAGREEMENT;
-        let recognized = out.hypotheses[0].as_ref().filter(agrees);
-        let confidence = recognized.map_or(0.0, |h| h.evidence.confidence);
-        self.name_dots(view, &found.fit.rotation, &out.dots, &mut out.assignment);
-        self.observe(self.config.dot_probability[1], view, ws, &out.dots);
-        let names = &out.assignment;
-        let evidence = self.evidence(&found.fit.rotation, &out.dots, ws, |k| names[ws.indices[k]]);
+    ) -> PoseEvidence {
+        let source = PoseSource::Pixels(PixelsEvidence {
+            margin: found.margin,
+            explained: found.explained,
+        });
+        let proposed = self.propose_match(view, &found.fit.rotation, source, ws, out);
         out.assignment.fill(None);
-        Hypothesis {
-            rotation,
-            evidence: PoseEvidence {
-                confidence,
-                whole: Some(WholeEvidence {
-                    margin: found.margin,
-                    explained: found.explained,
-                }),
-                ..evidence
-            },
-        }
+        proposed.evidence
     }
 }
 

@@ -16,9 +16,9 @@ use spindoe::calibrate::{
 };
 use spindoe::geometry::{Vec3, angle_between};
 use spindoe::plot::surface_views;
+use spindoe::surface::PaintedFrame;
 use spindoe::synth::SynthConfig;
 use spindoe::validate::Proportion;
-use spindoe::vision::painted::PaintedFrame;
 use spindoe::vision::{FrameEstimate, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 use spindoe_studies::Outcome;

@@ -10,24 +10,51 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use spindoe::files;
 use spindoe::synth::world_sha256;
-use spindoe::vision::pose::TrustMap;
+use spindoe::vision::pose::{PoseSource, TrustMap};
 use spindoe_studies::Outcome;
 use spindoe_studies::score::median;
 
+use crate::small;
 use crate::trust::kinds::{self, Judged};
 use crate::trust::logistic;
 
 /// The input that is no file: what is rendered.
 const WORLD: &str = "synthetic world";
-/// Files that all numbers here depend on.
-const INPUTS: [&str; 6] = [
-    "models/dots.npz",
-    "models/dots-large.npz",
-    "models/outline.npz",
-    "studies/patterns/hidden12.csv",
-    "designs/dots20/pattern.csv",
-    "designs/dots32/pattern.csv",
-];
+/// Numbers that are derived together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    /// From images of balls of any size and of other things.
+    AnyBalls,
+    /// From those of small ones.
+    SmallBalls,
+}
+
+impl Part {
+    const ALL: [Self; 2] = [Self::AnyBalls, Self::SmallBalls];
+
+    fn names(self) -> &'static [&'static str] {
+        match self {
+            Self::AnyBalls => &["trust_map", "dense_map", "trust_map_wide", "usual_doubt"],
+            Self::SmallBalls => &["pixels_map"],
+        }
+    }
+
+    /// The files that they depend on.
+    fn inputs(self) -> &'static [&'static str] {
+        const INPUTS: [&str; 6] = [
+            "models/dots.npz",
+            "models/dots-large.npz",
+            "models/outline.npz",
+            "designs/dots20/pattern.csv",
+            "designs/dots32/pattern.csv",
+            "studies/patterns/hidden12.csv",
+        ];
+        match self {
+            Self::AnyBalls => &INPUTS,
+            Self::SmallBalls => &INPUTS[..4],
+        }
+    }
+}
 
 /// What the numbers are derived from besides the files, and where they go.
 #[derive(clap::Args)]
@@ -44,6 +71,12 @@ pub struct Args {
     /// Seed of the images.
     #[arg(long, default_value_t = 14_220_001)]
     seed: u64,
+    /// Images of small balls and other small things, for the poses by all pixels.
+    #[arg(long, default_value_t = 1_800)]
+    small_images: u64,
+    /// Seed of these.
+    #[arg(long, default_value_t = 9_100)]
+    small_seed: u64,
     /// Derive what is up to date, too.
     #[arg(long)]
     force: bool,
@@ -65,40 +98,71 @@ impl Args {
     /// Derives what is not up to date, and writes the file.
     pub fn run(&self) -> Outcome {
         let out = self.out.as_path();
-        let mut inputs = BTreeMap::from([(WORLD.to_owned(), world_sha256()?)]);
-        for path in INPUTS {
-            let bytes = files::read_bytes(Path::new(path))?;
-            inputs.insert(path.to_owned(), files::sha256_hex(&bytes));
-        }
-        let command = format!(
-            "bench derive --images {} --rounds {} --seed {}",
-            self.images, self.rounds, self.seed
-        );
+        let world = world_sha256()?;
         let mut entries: BTreeMap<String, Entry> = match out.exists() {
             true => serde_json::from_slice(&files::read_bytes(out)?)?,
             false => BTreeMap::new(),
         };
-        let is_kept = |e: &Entry| e.command == command && e.inputs == inputs;
-        if !self.force && !entries.is_empty() && entries.values().all(is_kept) {
-            eprintln!("{}: up to date", out.display());
-            return Ok(());
+        for part in Part::ALL {
+            let command = self.command(part);
+            let mut inputs = BTreeMap::from([(WORLD.to_owned(), world.clone())]);
+            for path in part.inputs() {
+                let bytes = files::read_bytes(Path::new(path))?;
+                inputs.insert((*path).to_owned(), files::sha256_hex(&bytes));
+            }
+            let is_kept = |e: &Entry| e.command == command && e.inputs == inputs;
+            let names = part.names();
+            if !self.force && names.iter().all(|n| entries.get(*n).is_some_and(is_kept)) {
+                eprintln!("{}: {} up to date", out.display(), names.join(", "));
+                continue;
+            }
+            for (name, meaning, value) in self.derive(part)? {
+                let entry = Entry {
+                    meaning: meaning.to_owned(),
+                    value,
+                    command: command.clone(),
+                    inputs: inputs.clone(),
+                };
+                entries.insert(name.to_owned(), entry);
+            }
         }
-        entries.clear();
-        for (name, meaning, value) in self.derive()? {
-            let entry = Entry {
-                meaning: meaning.to_owned(),
-                value,
-                command: command.clone(),
-                inputs: inputs.clone(),
-            };
-            entries.insert(name.to_owned(), entry);
-        }
+        let is_known = |name: &str| Part::ALL.iter().any(|part| part.names().contains(&name));
+        entries.retain(|name, _| is_known(name));
         let text = serde_json::to_string_pretty(&entries)? + "\n";
         files::write_bytes(out, text.as_bytes())?;
         Ok(())
     }
 
-    fn derive(&self) -> Outcome<Vec<Derived>> {
+    /// What repeats a part.
+    fn command(&self, part: Part) -> String {
+        match part {
+            Part::AnyBalls => format!(
+                "bench derive --images {} --rounds {} --seed {}",
+                self.images, self.rounds, self.seed
+            ),
+            Part::SmallBalls => format!(
+                "bench derive --small-images {} --small-seed {}",
+                self.small_images, self.small_seed
+            ),
+        }
+    }
+
+    fn derive(&self, part: Part) -> Outcome<Vec<Derived>> {
+        match part {
+            Part::AnyBalls => self.of_any_balls(),
+            Part::SmallBalls => {
+                let answers = small::fitting_answers(self.small_images, self.small_seed)?;
+                eprintln!("{} poses by all pixels", answers.len());
+                Ok(vec![(
+                    "pixels_map",
+                    "weights of the evidence of a pose by all pixels of a small ball, the constant first",
+                    rounded(logistic::of_pixels(&answers)),
+                )])
+            }
+        }
+    }
+
+    fn of_any_balls(&self) -> Outcome<Vec<Derived>> {
         let mut map = TrustMap::IDENTITY;
         let mut answers: Vec<Judged> = Vec::new();
         for round in 1..=self.rounds {
@@ -111,17 +175,17 @@ impl Args {
             (
                 "trust_map",
                 "weights of a pose's evidence in its ln odds, the constant first",
-                rounded(std::iter::once(map.constant).chain(map.weights)),
+                rounded(map.detections),
             ),
             (
                 "dense_map",
                 "weights of the evidence of a pose by all places where dots may be, the constant first",
-                rounded(map.dense),
+                rounded(map.places),
             ),
             (
                 "trust_map_wide",
                 "the same without the detector's doubt and the misfit",
-                rounded(std::iter::once(wide.constant).chain(wide.weights)),
+                rounded(wide.detections),
             ),
             (
                 "usual_doubt",
@@ -147,7 +211,7 @@ fn to_places(value: f64, places: i32) -> f64 {
 fn usual_doubt(answers: &[Judged]) -> f64 {
     let correct = answers
         .iter()
-        .filter(|a| a.is_correct && a.evidence.dense.is_none());
+        .filter(|a| a.is_correct && !matches!(a.evidence.source, PoseSource::Places(_)));
     let correct: Vec<&Judged> = correct.collect();
     match correct.is_empty() {
         true => 0.0,

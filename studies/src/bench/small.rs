@@ -12,7 +12,7 @@ use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::validate::ORIENTATION_FAILURE_RAD;
-use spindoe::vision::pose::{PoseEvidence, WHOLE_FEATURES};
+use spindoe::vision::pose::{PoseSource, TrustMap};
 use spindoe::vision::{
     BallCircle, Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior,
     Prior,
@@ -24,7 +24,6 @@ use spindoe_studies::{Outcome, row};
 
 use crate::sequences;
 use crate::trust::kinds::Judged;
-use crate::trust::logistic;
 
 /// Side of the regions, pixels.
 const REGION: usize = 48;
@@ -32,8 +31,6 @@ const REGION: usize = 48;
 const DRIFT_PX: [f64; 2] = [12.0, -5.0];
 /// Diameters of the balls that the confidence is fitted on, pixels.
 const FITTED_PX: [f64; 2] = [11.0, 26.0];
-/// The images on which it is shown have seeds beyond this.
-const OTHERS: u64 = 1_000_000;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -55,10 +52,9 @@ pub struct Args {
     /// Pattern of the ball.
     #[arg(long, default_value = DOTS20)]
     pattern: std::path::PathBuf,
-    /// Not these, but the weights of the confidence by all pixels of a small ball, and what they claim: so many images, of
-    /// which every second shows the ball.
+    /// Not these, but what is claimed of poses by all pixels of a small ball: of so many images, of which every second shows the ball.
     #[arg(long)]
-    fit: Option<u64>,
+    claims: Option<u64>,
     /// Minimum radius of a ball that is looked for, pixels [default: the estimator's].
     #[arg(long)]
     min_radius_px: Option<f64>,
@@ -84,8 +80,8 @@ impl Args {
             self.seed,
             self.pattern.display()
         );
-        if let Some(images) = self.fit {
-            return self.confidence(&estimator[0], images);
+        if let Some(images) = self.claims {
+            return show_claims(&judged_images(&estimator[0], images, self.seed)?);
         }
         let table = Table::new(["ball, px", "images"].into_iter().chain(RATES));
         for &px in &self.ball_px {
@@ -159,88 +155,84 @@ impl Args {
             },
         )
     }
+}
 
-    /// Fits the weights of the confidence by all pixels on images of which every second shows the ball, half of them in good
-    /// conditions, and compares what they claim of as many others with the truth.
-    fn confidence(&self, estimator: &Estimator, images: u64) -> Outcome {
-        let [fitted, shown] = [self.seed, self.seed + OTHERS]
-            .map(|seed| {
-                (0..images)
-                    .into_par_iter()
-                    .map(move |k| self.judged(estimator, seed, k))
-            })
-            .map(|all| {
-                all.collect::<spindoe::Result<Vec<_>>>()
-                    .map(|all| all.concat())
-            });
-        let (fitted, shown) = (fitted?, shown?);
-        let features = |e: &PoseEvidence| e.whole_features().map(|f| f.to_vec());
-        let answers: Vec<Judged> = fitted.iter().map(|a| a.0).collect();
-        let weights = logistic::weights::<{ WHOLE_FEATURES + 1 }>(&answers, features);
-        println!("{} poses, weights {weights:.4?}", answers.len());
-        let claim = |(pose, _): &&(Judged, f64)| {
-            let features = features(&pose.evidence).unwrap_or_default();
-            let terms = features.iter().zip(&weights[1..]).map(|(f, w)| f * w);
-            let ln_odds = weights[0] + terms.sum::<f64>();
-            Claim {
-                confidence: 1.0 / (1.0 + (-ln_odds).exp()),
-                is_right: pose.is_correct,
-            }
-        };
-        let table = Table::new(["ball, px", "claimed", "poses", "mean claim", "right"]);
-        for (name, sizes) in [
-            ("all", 0.0..99.0),
-            ("below 16", 0.0..16.0),
-            ("from 16 on", 16.0..99.0),
-        ] {
-            let some = shown.iter().filter(|(_, px)| sizes.contains(px));
-            let claims: Vec<Claim> = some.map(|pose| claim(&pose)).collect();
-            for bin in bins(&[0.0, 0.2, 0.5, 0.7, 0.85, 0.9, 0.95, 0.99]) {
-                let (mean, right) = claimed(&claims, bin);
-                let mean = figure(100.0 * mean, 2, "%");
-                row!(table; name, bin.named(""), right.trials, mean, right);
-            }
+/// The poses by all pixels of images of which every second shows the ball, half of them in good conditions, and the balls' diameters.
+fn judged_images(
+    estimator: &Estimator,
+    images: u64,
+    seed: u64,
+) -> spindoe::Result<Vec<(Judged, f64)>> {
+    let all = (0..images).into_par_iter();
+    let all = all.map(|k| judged(estimator, seed, k));
+    Ok(all.collect::<spindoe::Result<Vec<_>>>()?.concat())
+}
+
+/// The poses by all pixels that the weights of [`TrustMap`](spindoe::vision::pose::TrustMap) for these are fitted to.
+pub fn fitting_answers(images: u64, seed: u64) -> spindoe::Result<Vec<Judged>> {
+    let pattern = Pattern::read_csv(DOTS20.as_ref())?;
+    let detector = DetectorName::Cnn.build()?;
+    let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector)?;
+    let judged = judged_images(&estimator, images, seed)?;
+    Ok(judged.into_iter().map(|(pose, _)| pose).collect())
+}
+
+/// What poses claim, and how often they are right.
+fn show_claims(shown: &[(Judged, f64)]) -> Outcome {
+    let claim = |(pose, _): &&(Judged, f64)| Claim {
+        confidence: TrustMap::DEFAULT.probability(&pose.evidence),
+        is_right: pose.is_correct,
+    };
+    let table = Table::new(["ball, px", "claimed", "poses", "mean claim", "right"]);
+    for (name, sizes) in [
+        ("all", 0.0..99.0),
+        ("below 16", 0.0..16.0),
+        ("from 16 on", 16.0..99.0),
+    ] {
+        let some = shown.iter().filter(|(_, px)| sizes.contains(px));
+        let claims: Vec<Claim> = some.map(|pose| claim(&pose)).collect();
+        for bin in bins(&[0.0, 0.2, 0.5, 0.7, 0.85, 0.9, 0.95, 0.99]) {
+            let (mean, right) = claimed(&claims, bin);
+            let mean = figure(100.0 * mean, 2, "%");
+            row!(table; name, bin.named(""), right.trials, mean, right);
         }
-        Ok(())
     }
+    Ok(())
+}
 
-    /// The pose by all pixels of an image, if one was looked for, and the ball's diameter.
-    fn judged(
-        &self,
-        estimator: &Estimator,
-        seed: u64,
-        k: u64,
-    ) -> spindoe::Result<Vec<(Judged, f64)>> {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        rng.set_stream(k);
-        let config = match k % 2 {
-            0 => good_conditions().config,
-            _ => all_conditions().config,
-        };
-        let others: Vec<SynthKind> = SynthKind::ALL
-            .into_iter()
-            .filter(|k| !k.has_pattern())
-            .collect();
-        let kind = match (k / 2) % 2 {
-            0 => SynthKind::Dotted,
-            _ => others[rng.random_range(0..others.len())],
-        };
-        let px = FITTED_PX[0] * (FITTED_PX[1] / FITTED_PX[0]).powf(rng.random());
-        let config = SynthConfig {
-            kind,
-            ball_px: Some([px; 2]),
-            image_px: Some([REGION; 2]),
-            ..config
-        };
-        let frame = independent_frame(estimator.pattern(), &config, seed, k as usize)?;
-        let found = alone(estimator, &frame.image, &mut estimator.workspace());
-        let truth = frame.truth.orientation();
-        let is_right = |r: &Rotation| truth.angle_to(r) < ORIENTATION_FAILURE_RAD;
-        let poses = found.hypotheses().filter(|h| h.evidence.whole.is_some());
-        let judged = poses.map(|h| Judged {
-            evidence: h.evidence,
-            is_correct: kind.has_pattern() && is_right(&h.rotation),
-        });
-        Ok(judged.map(|pose| (pose, px)).collect())
-    }
+/// The pose by all pixels of an image, if one was looked for, and the ball's diameter.
+fn judged(estimator: &Estimator, seed: u64, k: u64) -> spindoe::Result<Vec<(Judged, f64)>> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(k);
+    let config = match k % 2 {
+        0 => good_conditions().config,
+        _ => all_conditions().config,
+    };
+    let others: Vec<SynthKind> = SynthKind::ALL
+        .into_iter()
+        .filter(|k| !k.has_pattern())
+        .collect();
+    let kind = match (k / 2) % 2 {
+        0 => SynthKind::Dotted,
+        _ => others[rng.random_range(0..others.len())],
+    };
+    let px = FITTED_PX[0] * (FITTED_PX[1] / FITTED_PX[0]).powf(rng.random());
+    let config = SynthConfig {
+        kind,
+        ball_px: Some([px; 2]),
+        image_px: Some([REGION; 2]),
+        ..config
+    };
+    let frame = independent_frame(estimator.pattern(), &config, seed, k as usize)?;
+    let found = alone(estimator, &frame.image, &mut estimator.workspace());
+    let truth = frame.truth.orientation();
+    let is_right = |r: &Rotation| truth.angle_to(r) < ORIENTATION_FAILURE_RAD;
+    let poses = found
+        .hypotheses()
+        .filter(|h| matches!(h.evidence.source, PoseSource::Pixels(_)));
+    let judged = poses.map(|h| Judged {
+        evidence: h.evidence,
+        is_correct: kind.has_pattern() && is_right(&h.rotation),
+    });
+    Ok(judged.map(|pose| (pose, px)).collect())
 }

@@ -13,10 +13,10 @@ use spindoe::calibrate::{
 use spindoe::clip::{BallEstimate, BatchConfig, BatchObserver};
 use spindoe::geometry::{Rotation, Vec3, angle_between, spiral_directions};
 use spindoe::image::{GrayImage, Picture, RawPixel, RgbImage};
+use spindoe::surface::{MappedFrame, PaintMapper, PaintedFrame, ViewedPlaces};
 use spindoe::synth::pen::Spot;
 use spindoe::synth::{Scene, SynthConfig};
 use spindoe::vision::optics::camera::BallView;
-use spindoe::vision::painted::{MappedFrame, PaintMap, PaintMapper, PaintedFrame};
 use spindoe::vision::{DetectorName, FrameEstimate, Outline, Prior};
 use spindoe::{
     Ball, DotUncertainty, Estimator, EstimatorConfig, Identification, ObservedDot, Pattern,
@@ -423,7 +423,7 @@ fn frames_are_laid_on_the_surface_by_their_pixels() {
 }
 
 /// The value of a map at a place, and the number of views that show it.
-fn value(map: &PaintMap, at: &Vec3) -> (f32, u32) {
+fn value(map: &ViewedPlaces, at: &Vec3) -> (f32, u32) {
     let near = map.directions().iter().enumerate();
     let nearest = near.max_by(|a, b| a.1.dot(at).total_cmp(&b.1.dot(at)));
     let (k, _) = nearest.unwrap();

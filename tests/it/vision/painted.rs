@@ -7,12 +7,12 @@ use spindoe::Rotation;
 use spindoe::geometry::{Vec3, random_rotation, rotation_angle, spiral_directions};
 use spindoe::image::GrayImage;
 use spindoe::pattern::Pattern;
+use spindoe::surface::{PaintedFrame, PaintedRejection, PaintedTracker, SurfaceMap};
 use spindoe::synth::blotches::Blotches;
 use spindoe::synth::{Scene, SynthConfig, SynthKind};
 use spindoe::vision::frame::{CameraModel, OutlineMethod};
 use spindoe::vision::optics::camera::Camera;
 use spindoe::vision::outline::find::OutlineFinder;
-use spindoe::vision::painted::{PaintedFrame, PaintedRejection, PaintedTracker, Surface};
 use spindoe::vision::{CircleConfig, FrameEstimate, Outline, Prior};
 
 /// The camera's distance, ball radii.
@@ -100,7 +100,7 @@ fn a_clip_is_followed_around_and_its_surface_places_frames_of_another() {
     assert!(last < 5.0, "no drift: {last:.2} deg");
 
     let bytes = track.surface.to_npz().unwrap();
-    let surface = Surface::from_npz("ball.npz".as_ref(), &bytes).unwrap();
+    let surface = SurfaceMap::from_npz("ball.npz".as_ref(), &bytes).unwrap();
     assert_eq!(surface, track.surface);
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let again: Vec<Rotation> = (0..12)
@@ -181,9 +181,9 @@ fn frames_of_unrelated_balls_have_no_pose_beyond_the_first() {
 fn a_file_that_is_no_surface_is_refused_by_its_array() {
     let pattern = crate::common::dots20();
     let table = spindoe::Ball::new(pattern).to_npz().unwrap();
-    let refused = Surface::from_npz("table.npz".as_ref(), &table).unwrap_err();
+    let refused = SurfaceMap::from_npz("table.npz".as_ref(), &table).unwrap_err();
     assert!(refused.to_string().contains("table.npz"), "{refused}");
-    assert!(Surface::from_npz("cut.npz".as_ref(), &table[..100]).is_err());
+    assert!(SurfaceMap::from_npz("cut.npz".as_ref(), &table[..100]).is_err());
 }
 
 #[cfg(feature = "cli")]

@@ -5,6 +5,7 @@ use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
 use spindoe::synth::{SynthConfig, SynthKind};
+use spindoe::vision::pose::PoseSource;
 use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 /// The angle from which on an answer is wrong, radians.
@@ -41,7 +42,8 @@ fn counts(ball_px: f64, kind: SynthKind, frames: usize, seed: u64) -> [usize; 3]
         let off = pose.rotation.angle_to(&frame.truth.orientation());
         counts[usize::from(off > WRONG || !kind.has_pattern())] += 1;
         let last = out.hypotheses().last();
-        counts[2] += usize::from(last.is_some_and(|h| h.evidence.whole.is_some()));
+        counts[2] +=
+            usize::from(last.is_some_and(|h| matches!(h.evidence.source, PoseSource::Pixels(_))));
     }
     counts
 }

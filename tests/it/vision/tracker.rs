@@ -162,7 +162,7 @@ fn the_covariance_counts_the_errors_that_frames_share() {
         let pose = state
             .frame
             .pose()
-            .filter(|pose| !pose.hinted && pose.confidence >= config.sequence.trusted);
+            .filter(|pose| !pose.hinted && pose.confidence >= 0.8);
         trusted.extend(pose.map(|pose| {
             let measurement = Measurement {
                 confidence: pose.confidence,

@@ -7,10 +7,10 @@ use crate::cli::estimate::format::Format;
 use crate::cli::estimate::overlay;
 use crate::cli::estimate::verdict::VerdictWords;
 use crate::cli::estimate::written::{
-    FoundSpin, add_spin, ball_json, circle_json, clip_json, own_row, say_times, spin_words,
+    ClipRows, FoundSpin, Row, add_spin, ball_json, circle_json, own_row, say_times, spin_words,
 };
 use crate::cli::estimate::{Asked, Picture};
-use crate::cli::{inputs, spin_summary};
+use crate::cli::spin_summary;
 use crate::clip::orientations;
 use crate::clip::{
     BallEstimate, Batch, BatchFrame, NamedFrame, SequenceOutcome, Strobe, StrobeHypothesis,
@@ -20,7 +20,9 @@ use crate::files::csv::shown;
 use crate::geometry::CameraFrame;
 #[cfg(feature = "plot")]
 use crate::plot::OverlayFrame;
-use crate::spin::orientations::{BallColumns, OrientationRow, Orientations};
+#[cfg(feature = "plot")]
+use crate::spin::orientations::Orientations;
+use crate::spin::orientations::{BallColumns, OrientationRow};
 use crate::spin::robust::SpinConfig;
 
 #[cfg(feature = "plot")]
@@ -29,15 +31,9 @@ use crate::vision::Estimator;
 /// Other hypotheses of an exposure that are named in words.
 const MAX_NAMED: usize = 3;
 
-/// A row of the output, and the same as JSON.
-pub(in crate::cli) struct Row {
-    row: OrientationRow,
-    pub json: Value,
-}
-
 impl Row {
     /// That of a ball with its number, and its table where there are several.
-    pub fn new(
+    pub fn of_ball(
         asked: &Asked,
         shown_in: CameraFrame,
         mut row: OrientationRow,
@@ -54,7 +50,8 @@ impl Row {
             json["table_probability"] = ball.tables.get(ball.table).copied().into();
             row.table = row.orientation.map(|_| table);
         }
-        Self { row, json }
+        let note = ball.frame.outcome.as_ref().err().map(ToString::to_string);
+        Self { row, json, note }
     }
 }
 
@@ -74,7 +71,7 @@ pub(in crate::cli) fn strobe_rows(
         row.frame = name.to_owned();
         row.time_s += start_s;
         row.flash = Some(*flash);
-        rows.push(Row::new(asked, shown_in, row, Some(at), &balls[*image]));
+        rows.push(Row::of_ball(asked, shown_in, row, Some(at), &balls[*image]));
     }
     let is_left = |k: &usize| lit.iter().all(|(image, _)| image != k);
     for k in (0..balls.len()).filter(is_left) {
@@ -84,7 +81,7 @@ pub(in crate::cli) fn strobe_rows(
             estimate: &balls[k].frame,
         };
         let row = own_row(named, shown_in);
-        rows.push(Row::new(asked, shown_in, row, numbers[k], &balls[k]));
+        rows.push(Row::of_ball(asked, shown_in, row, numbers[k], &balls[k]));
     }
     rows
 }
@@ -98,15 +95,24 @@ struct Followed {
     spin: FoundSpin,
 }
 
+/// A ball of all frames.
+#[cfg(feature = "plot")]
+pub(in crate::cli::estimate) struct BallRows<'a> {
+    pub number: usize,
+    pub table: usize,
+    /// The frames that show it, by their places among all.
+    pub frames: Vec<(usize, NamedFrame<'a>)>,
+    pub orientations: Orientations,
+    /// Where the frames have times.
+    pub spin: Option<&'a FoundSpin>,
+}
+
 /// What is reported.
 pub(in crate::cli::estimate) struct Report<'a> {
-    asked: &'a Asked,
-    shown_in: CameraFrame,
-    batch: &'a Batch<Picture>,
+    /// For each frame its balls in the order of their numbers.
+    rows: ClipRows<'a, Picture>,
     /// For each frame the numbers of its balls.
     numbers: Vec<Vec<Option<usize>>>,
-    /// For each frame its balls in the order of their numbers.
-    rows: Vec<Vec<Row>>,
     /// The balls of a sequence by number.
     followed: Vec<Followed>,
     /// For each frame the hypotheses of its flashes.
@@ -120,11 +126,18 @@ impl<'a> Report<'a> {
         strobe: Option<&Strobe>,
     ) -> Result<Self> {
         let mut this = Self {
-            asked,
-            shown_in: asked.frame()?,
-            batch,
+            rows: ClipRows {
+                asked,
+                axes: asked.frame()?,
+                batch,
+                frames: Vec::new(),
+                columns: BallColumns {
+                    ball: true,
+                    table: asked.table.len() > 1,
+                    flash: strobe.is_some(),
+                },
+            },
             numbers: Vec::new(),
-            rows: Vec::new(),
             followed: Vec::new(),
             strobes: Vec::new(),
         };
@@ -154,7 +167,10 @@ impl<'a> Report<'a> {
 
     /// The rows of numbered balls; of a sequence, whose spins are by `spin`, each ball's orientations are in one frame.
     fn add_rows(&mut self, spin: Option<&SpinConfig>) {
-        let (frames, numbers) = (&self.batch.frames, &self.numbers);
+        let ClipRows {
+            asked, axes, batch, ..
+        } = self.rows;
+        let (frames, numbers) = (&batch.frames, &self.numbers);
         let mut rows: Vec<Vec<Row>> = frames.iter().map(|_| Vec::new()).collect();
         let all = numbers.iter().flatten().flatten();
         let count = all.max().map_or(0, |n| n + 1);
@@ -174,7 +190,7 @@ impl<'a> Report<'a> {
                 estimate: &ball.frame,
             });
             let named: Vec<NamedFrame<'_>> = named.collect();
-            let file = orientations(&named, self.shown_in, spin.is_some() && number.is_some());
+            let file = orientations(&named, axes, spin.is_some() && number.is_some());
             if let (Some(spin), Some(_)) = (spin, number) {
                 self.followed.push(Followed {
                     table: 0,
@@ -185,32 +201,77 @@ impl<'a> Report<'a> {
                 });
             }
             for ((k, ball), row) in places.into_iter().zip(file.rows) {
-                rows[k].push(Row::new(self.asked, self.shown_in, row, number, ball));
+                rows[k].push(Row::of_ball(asked, axes, row, number, ball));
             }
         }
-        self.rows = rows;
+        self.rows.frames = rows;
     }
 
     /// The rows of strobed balls: in order of time, then what the likeliest hypothesis leaves out; the numbers of the balls.
     fn read_strobes(&mut self, strobe: &Strobe) {
-        for frame in &self.batch.frames {
+        let ClipRows {
+            asked, axes, batch, ..
+        } = self.rows;
+        for frame in &batch.frames {
             let balls = &frame.balls;
-            let found = strobe.read(balls, self.shown_in);
+            let found = strobe.read(balls, axes);
             let numbers = strobe_numbers(balls, &found);
             let start_s = frame.time_s.unwrap_or(0.0);
             let named = (frame.name.as_str(), start_s);
-            let rows = strobe_rows(self.asked, self.shown_in, named, balls, &found, &numbers);
-            self.rows.push(rows);
-            let json = strobe_json(self.asked, strobe, self.shown_in, &found, &numbers);
+            let rows = strobe_rows(asked, axes, named, balls, &found, &numbers);
+            self.rows.frames.push(rows);
+            let json = strobe_json(asked, strobe, axes, &found, &numbers);
             self.strobes.push((found, json));
             self.numbers.push(numbers);
         }
     }
 
+    /// The frame of orientations and spins.
+    #[cfg(feature = "plot")]
+    pub fn axes(&self) -> CameraFrame {
+        self.rows.axes
+    }
+
+    /// Each ball with the frames that show it.
+    #[cfg(feature = "plot")]
+    pub fn by_number(&self) -> Vec<BallRows<'_>> {
+        let ClipRows { axes, batch, .. } = self.rows;
+        let all = self.numbers.iter().flatten().flatten();
+        let count = all.max().map_or(0, |n| n + 1);
+        let of_number = |number: usize| {
+            let mut ball = BallRows {
+                number,
+                table: self.followed.get(number).map_or(0, |f| f.table),
+                frames: Vec::new(),
+                orientations: Orientations {
+                    camera_frame: Some(axes),
+                    ..Orientations::default()
+                },
+                spin: self.followed.get(number).map(|f| &f.spin),
+            };
+            for (k, (frame, numbers)) in batch.frames.iter().zip(&self.numbers).enumerate() {
+                let at = numbers.iter().position(|n| *n == Some(number));
+                let row = self.rows.frames[k].iter();
+                let row = row.map(|r| &r.row).find(|row| row.ball == Some(number));
+                if let (Some(at), Some(row)) = (at, row) {
+                    let named = NamedFrame {
+                        name: &frame.name,
+                        time_s: frame.time_s,
+                        estimate: &frame.balls[at].frame,
+                    };
+                    ball.frames.push((k, named));
+                    ball.orientations.rows.push(row.clone());
+                }
+            }
+            ball
+        };
+        (0..count).map(of_number).collect()
+    }
+
     /// A frame with its balls drawn on it.
     #[cfg(feature = "plot")]
     pub fn drawn(&self, k: usize, estimators: &[Estimator]) -> OverlayFrame {
-        let frame = &self.batch.frames[k];
+        let frame = &self.rows.batch.frames[k];
         let balls = frame.balls.iter().zip(&self.numbers[k]);
         let drawn = balls
             .clone()
@@ -227,128 +288,88 @@ impl<'a> Report<'a> {
         overlay::drawn(&frame.name, words, &frame.kept, &drawn)
     }
 
-    /// Balls with an orientation.
-    pub fn identified(&self) -> usize {
-        let all = self.rows.iter().flatten();
-        all.filter(|r| r.row.orientation.is_some()).count()
-    }
-
     /// Why nothing is answered, where no ball is.
     pub fn no_answer(&self) -> Option<String> {
-        let frames = self.rows.len();
-        let verdict = VerdictWords::new(&self.batch.judgment, &self.asked.table);
+        let frames = self.rows.frames.len();
+        let ClipRows { batch, asked, .. } = &self.rows;
+        let verdict = VerdictWords::new(&batch.judgment, &asked.table);
         let none = || format!("no ball of {frames} frames is identified");
-        if self.identified() == 0 {
+        if self.rows.identified() == 0 {
             return Some(verdict.rejection().unwrap_or_else(none));
         }
-        let is_without = self.asked.is_as(Format::Gspro) && self.rows().is_empty();
+        let is_without = asked.is_as(Format::Gspro) && self.shots().is_empty();
         is_without.then(|| format!("no spin, and so no shot, in {frames} exposures"))
     }
 
     /// The rows as they are asked for: orientations, or a line for each shot.
-    pub fn rows(&self) -> String {
-        if !self.asked.is_as(Format::Gspro) {
-            return self.to_csv();
+    ///
+    /// # Errors
+    /// Those of [`ClipRows::text`].
+    pub fn text(&self) -> Result<String> {
+        match self.rows.asked.is_as(Format::Gspro) {
+            true => Ok(self.shots()),
+            false => self.rows.text(),
         }
-        let shot = |(k, strobe): (u64, &(Vec<_>, _))| shot_line(k, &strobe.0, self.shown_in);
+    }
+
+    /// A line for each shot.
+    fn shots(&self) -> String {
+        let shot = |(k, strobe): (u64, &(Vec<_>, _))| shot_line(k, &strobe.0, self.rows.axes);
         let shots = (1..).zip(&self.strobes).filter_map(shot);
         shots.map(|line| line + "\n").collect()
     }
 
-    /// The file of orientations with the columns ball, of several tables table, and of flashes flash.
-    fn to_csv(&self) -> String {
-        let rows = self.rows.iter().flatten().map(|r| r.row.clone());
-        let file = Orientations {
-            rows: rows.collect(),
-            camera_frame: Some(self.shown_in),
-            columns: BallColumns {
-                ball: true,
-                table: self.asked.table.len() > 1,
-                flash: !self.strobes.is_empty(),
-            },
-        };
-        file.to_csv()
-    }
-
     pub fn to_json(&self) -> Value {
-        let frames = self.batch.frames.iter().zip(&self.rows).enumerate();
-        let frames = frames.map(|(k, (frame, rows))| {
-            let mut json = json!({
-                "frame": frame.name,
-                "time_s": frame.time_s,
-                "balls": rows.iter().map(|r| r.json.clone()).collect::<Vec<_>>(),
-            });
-            if let Some(words) = &frame.unreadable {
-                json["refusal"] = words.clone().into();
-            }
-            if let Some((_, strobe)) = self.strobes.get(k) {
-                json["strobe"] = strobe.clone();
-            }
-            json
-        });
         let balls = self.followed.iter().enumerate().map(|(number, ball)| {
             let mut json = json!({
                 "ball": number,
-                "table": table_name(self.asked, ball.table),
+                "table": table_name(self.rows.asked, ball.table),
                 "table_probability": ball.table_probability,
                 "frames": ball.frames,
                 "identified": ball.identified,
             });
-            add_spin(Some(&ball.spin), self.shown_in, &mut json);
+            add_spin(Some(&ball.spin), self.rows.axes, &mut json);
             json
         });
-        let (frames, identified) = (frames.collect(), self.identified());
-        let mut json = clip_json(self.asked, self.shown_in, self.batch, frames, identified);
-        json["detector"] = json!(self.asked.source.detector);
+        let mut json = self.rows.to_json();
+        for (k, (_, strobe)) in self.strobes.iter().enumerate() {
+            json["frames"][k]["strobe"] = strobe.clone();
+        }
+        json["detector"] = json!(self.rows.asked.source.detector);
         json["balls"] = balls.collect();
         json
     }
 
     /// Summarizes the outcome on standard error.
     pub fn say(&self) {
-        inputs::say_skipped(&self.batch.skipped);
-        inputs::say_cut_short(&self.batch.cut_short);
-        inputs::say_camera(self.batch.focal_doubt.as_ref());
-        let frames = self.batch.frames.iter().zip(&self.rows).enumerate();
-        for (k, (frame, rows)) in frames {
-            let name = shown(&frame.name);
-            if let Some(why) = &frame.unreadable {
-                errln!("{why}");
-                continue;
-            }
-            for row in rows {
-                if let Some(why) = row.json["refusal"].as_str() {
-                    let number = row.row.ball.map(|b| format!(", ball {b}"));
-                    let ball = number.unwrap_or_default();
-                    errln!("{name}{ball}: {why}");
-                }
-            }
-            if let Some((found, _)) = self.strobes.get(k) {
-                for line in self.strobe_lines(k, found) {
-                    errln!("{name}: {line}");
-                }
+        self.rows.say_inputs();
+        for (k, frame) in self.rows.batch.frames.iter().enumerate() {
+            self.rows.say_frame(k);
+            let strobe = self.strobes.get(k).filter(|_| frame.unreadable.is_none());
+            for line in strobe.map_or(Vec::new(), |(found, _)| self.strobe_lines(k, found)) {
+                errln!("{}: {line}", shown(&frame.name));
             }
         }
-        let count: usize = self.rows.iter().map(Vec::len).sum();
+        let count: usize = self.rows.frames.iter().map(Vec::len).sum();
         errln!(
             "{} of {count} balls in {} frames identified",
-            self.identified(),
-            self.rows.len()
+            self.rows.identified(),
+            self.rows.frames.len()
         );
         // The spin of an exposure needs no times of frames.
         if self.strobes.is_empty() {
-            say_times(self.batch);
+            say_times(self.rows.batch);
         }
         for (number, ball) in self.followed.iter().enumerate() {
-            let table = match self.asked.table.len() {
+            let table = match self.rows.asked.table.len() {
                 1 => String::new(),
                 _ => format!(
                     " is {} ({:.4}),",
-                    table_name(self.asked, ball.table),
+                    table_name(self.rows.asked, ball.table),
                     ball.table_probability
                 ),
             };
-            let spin = spin_words(Some(&ball.spin), self.shown_in).unwrap_or_default();
+            let spin = spin_words(Some(&ball.spin), self.rows.axes).unwrap_or_default();
             errln!(
                 "ball {number}:{table} {} of {} frames identified; spin: {spin}",
                 ball.identified,
@@ -365,9 +386,9 @@ impl<'a> Report<'a> {
         let lit = first
             .lit
             .first()
-            .map(|(image, _)| &self.batch.frames[k].balls[*image]);
-        if let Some(ball) = lit.filter(|_| self.asked.table.len() > 1) {
-            let name = table_name(self.asked, ball.table);
+            .map(|(image, _)| &self.rows.batch.frames[k].balls[*image]);
+        if let Some(ball) = lit.filter(|_| self.rows.asked.table.len() > 1) {
+            let name = table_name(self.rows.asked, ball.table);
             let share = ball.tables.get(ball.table).copied().unwrap_or(f64::NAN);
             lines[0] = format!("ball of {name} ({share:.4}), {}", lines[0]);
         }
@@ -401,8 +422,8 @@ impl<'a> Report<'a> {
             }
         };
         let flight = hypothesis.flight;
-        let golf = hypothesis.golf(self.shown_in);
-        let spin = match (&hypothesis.spin, golf.filter(|_| self.asked.is_golf())) {
+        let golf = hypothesis.golf(self.rows.axes);
+        let spin = match (&hypothesis.spin, golf.filter(|_| self.rows.asked.is_golf())) {
             (_, Some(golf)) => {
                 let [back, side] = golf.std_rpm.unwrap_or([f64::NAN; 2]);
                 format!(

@@ -10,10 +10,18 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 use super::flatten::Flat;
 use super::in_radii;
+use crate::fit::{Damping, Descent, Sums};
 use crate::vision::dots::patch::{RADIUS, SIZE};
 
-/// Maximum number of steps.
-const STEPS: usize = 8;
+/// Steps to the best shape; one that gains less than this part of the squares is the last.
+const DAMPING: Damping = Damping {
+    first: 1e-2,
+    down: 0.2,
+    up: 8.0,
+    most: f64::INFINITY,
+    steps: 8,
+};
+const CONVERGED: f64 = 1e-4;
 /// Pixels within so many standard deviations of the blob take part.
 const REACH: f64 = 2.6;
 /// Minimum and maximum half width of what takes part, patch values.
@@ -80,14 +88,49 @@ impl Dot {
     }
 }
 
-/// Sums of one step.
-struct Sums {
-    matrix: SMatrix<f64, 5, 5>,
-    vector: Parameters,
-    squares: f64,
-    pixels: f64,
-    mean: f64,
+/// The pixels that a fit is made to.
+#[derive(Clone, Copy)]
+struct BlobWindow<'a> {
+    flat: &'a Flat,
+    mask: &'a [f32],
+    /// Column and row of its middle, and half its width.
+    middle: (f64, f64),
+    half: f64,
+    blur: f64,
+}
+
+/// A state of the fit.
+struct BlobState<'a> {
+    window: BlobWindow<'a>,
+    parameters: Parameters,
+    sums: Sums<5>,
+    /// The values' variance, times their number.
     variance: f64,
+}
+
+impl Descent for BlobState<'_> {
+    fn cost(&self) -> f64 {
+        self.sums.squares
+    }
+
+    fn stepped(&self, damping: f64) -> Option<Self> {
+        let mut damped = self.sums.symmetric();
+        for i in 0..5 {
+            damped[(i, i)] *= 1.0 + damping;
+            damped[(i, i)] += 1e-9;
+        }
+        let step = damped
+            .cholesky()?
+            .solve(&Parameters::from(self.sums.gradient));
+        let mut next = self.parameters + step;
+        // Sizes outside these are no dot's, and their gradients vanish.
+        next[3] = next[3].clamp((0.02 * RADIUS).ln(), (0.25 * RADIUS).ln());
+        self.window.state(next)
+    }
+
+    fn follow(&mut self, before: Self) -> bool {
+        1.0 - self.cost() / before.cost() >= CONVERGED
+    }
 }
 
 /// Fits a dot near `start` (column, row) of the size `sigma` to the flattened patch; `None` where
@@ -104,110 +147,103 @@ pub(crate) fn fit(
     let gain = Dot::new(&p, blur)?.gain;
     p[2] /= gain.max(0.1);
     let half = (REACH * sigma.hypot(blur)).clamp(WINDOW.0, WINDOW.1);
-    let window = (start, half);
-    let mut sums = sum(flat, mask, window, &p, blur)?;
-    let mut damping = 1e-2;
-    for _ in 0..STEPS {
-        let mut damped = sums.matrix;
-        for i in 0..5 {
-            damped[(i, i)] *= 1.0 + damping;
-            damped[(i, i)] += 1e-9;
-        }
-        let step = damped.cholesky()?.solve(&sums.vector);
-        let mut next = p + step;
-        // Sizes outside these are no dot's, and their gradients vanish.
-        next[3] = next[3].clamp((0.02 * RADIUS).ln(), (0.25 * RADIUS).ln());
-        let tried = sum(flat, mask, window, &next, blur)?;
-        if tried.squares < sums.squares {
-            let gained = 1.0 - tried.squares / sums.squares;
-            (p, sums) = (next, tried);
-            damping *= 0.2;
-            if gained < 1e-4 {
-                break;
-            }
-        } else {
-            damping *= 8.0;
-        }
-    }
-    finish(flat, &p, &sums, start, blur)
+    let window = BlobWindow {
+        flat,
+        mask,
+        middle: start,
+        half,
+        blur,
+    };
+    DAMPING.descend(window.state(p)?).finish()
 }
 
-fn finish(flat: &Flat, p: &Parameters, sums: &Sums, start: (f64, f64), blur: f64) -> Option<Blob> {
-    let dot = Dot::new(p, blur)?;
-    let strayed = (p[0] - start.0).hypot(p[1] - start.1) > STRAYED;
-    let (x, y) = in_radii(p[0], p[1]);
-    if strayed || p[2] <= 0.0 || x.hypot(y) > 1.0 || sums.pixels < 8.0 {
-        return None;
+impl BlobState<'_> {
+    fn finish(&self) -> Option<Blob> {
+        let Self {
+            window,
+            parameters: p,
+            sums,
+            variance,
+        } = self;
+        let BlobWindow {
+            flat,
+            middle: start,
+            blur,
+            ..
+        } = window;
+        let dot = Dot::new(p, *blur)?;
+        let strayed = (p[0] - start.0).hypot(p[1] - start.1) > STRAYED;
+        let (x, y) = in_radii(p[0], p[1]);
+        if strayed || p[2] <= 0.0 || x.hypot(y) > 1.0 || sums.weights < 8.0 {
+            return None;
+        }
+        let left = sums.squares / (sums.weights - 5.0).max(1.0);
+        let noise2 = left.max(f64::from(flat.noise()).powi(2));
+        let held = sums.symmetric() + SMatrix::<f64, 5, 5>::identity() * 1e-9;
+        let inverse = held.try_inverse()? * noise2;
+        let covariance = inverse.fixed_view::<2, 2>(0, 0).into_owned()
+            + Matrix2::from_diagonal_element(SYSTEMATIC * SYSTEMATIC);
+        let energy = p[2] * p[2] * dot.gain * dot.gain * std::f64::consts::PI
+            / dot.inverse.determinant().sqrt();
+        Some(Blob {
+            column: p[0],
+            row: p[1],
+            covariance: 0.5 * (covariance + covariance.transpose()),
+            contrast: p[2] * dot.gain,
+            radius: 2.0 * p[3].exp(),
+            depth: dot.z,
+            signal_to_noise: (energy / f64::from(flat.noise()).powi(2)).sqrt(),
+            explained: 1.0 - sums.squares / variance.max(1e-12),
+        })
     }
-    let left = sums.squares / (sums.pixels - 5.0).max(1.0);
-    let noise2 = left.max(f64::from(flat.noise()).powi(2));
-    let held = sums.matrix + SMatrix::<f64, 5, 5>::identity() * 1e-9;
-    let inverse = held.try_inverse()? * noise2;
-    let covariance = inverse.fixed_view::<2, 2>(0, 0).into_owned()
-        + Matrix2::from_diagonal_element(SYSTEMATIC * SYSTEMATIC);
-    let energy =
-        p[2] * p[2] * dot.gain * dot.gain * std::f64::consts::PI / dot.inverse.determinant().sqrt();
-    Some(Blob {
-        column: p[0],
-        row: p[1],
-        covariance: 0.5 * (covariance + covariance.transpose()),
-        contrast: p[2] * dot.gain,
-        radius: 2.0 * p[3].exp(),
-        depth: dot.z,
-        signal_to_noise: (energy / f64::from(flat.noise()).powi(2)).sqrt(),
-        explained: 1.0 - sums.squares / sums.variance.max(1e-12),
-    })
 }
 
-/// Residuals and derivatives over the window.
-fn sum(
-    flat: &Flat,
-    mask: &[f32],
-    ((column0, row0), half): ((f64, f64), f64),
-    p: &Parameters,
-    blur: f64,
-) -> Option<Sums> {
-    let dot = Dot::new(p, blur)?;
-    let nudge = 0.02;
-    let mut larger = *p;
-    larger[3] += nudge;
-    let larger = Dot::new(&larger, blur)?;
-    let mut sums = Sums {
-        matrix: SMatrix::zeros(),
-        vector: SVector::zeros(),
-        squares: 0.0,
-        pixels: 0.0,
-        mean: 0.0,
-        variance: 0.0,
-    };
-    let range = |at: f64| {
-        let low = (at - half).ceil().max(0.0) as usize;
-        let high = (at + half).floor().min((SIZE - 1) as f64) as usize;
-        low..=high
-    };
-    for row in range(row0) {
-        for column in range(column0) {
-            let i = row * SIZE + column;
-            let (c, r) = (column as f64, row as f64);
-            if mask[i] == 0.0 || (c - column0).hypot(r - row0) > half {
-                continue;
+impl<'a> BlobWindow<'a> {
+    /// The state of these parameters: residuals and derivatives over the window.
+    fn state(self, p: Parameters) -> Option<BlobState<'a>> {
+        let Self {
+            flat,
+            mask,
+            middle: (column0, row0),
+            half,
+            blur,
+        } = self;
+        let dot = Dot::new(&p, blur)?;
+        let nudge = 0.02;
+        let mut larger = p;
+        larger[3] += nudge;
+        let larger = Dot::new(&larger, blur)?;
+        let mut sums = Sums::<5>::default();
+        let [mut sum, mut squares] = [0.0, 0.0];
+        let range = |at: f64| {
+            let low = (at - half).ceil().max(0.0) as usize;
+            let high = (at + half).floor().min((SIZE - 1) as f64) as usize;
+            low..=high
+        };
+        for row in range(row0) {
+            for column in range(column0) {
+                let i = row * SIZE + column;
+                let (c, r) = (column as f64, row as f64);
+                if mask[i] == 0.0 || (c - column0).hypot(r - row0) > half {
+                    continue;
+                }
+                let value = -f64::from(flat.values()[i]);
+                let unit = dot.depth(c, r);
+                let depth = p[2] * unit;
+                // d(depth)/d(center), the foreshortening's own change left out: it is of second order.
+                let slope = dot.inverse * (Vector2::new(c, r) - dot.center) * depth;
+                let by_size = p[2] * (larger.depth(c, r) - unit) / nudge;
+                let by = [slope.x, slope.y, unit, by_size, 1.0];
+                sums.add(&by, value - depth - p[4], 1.0);
+                sum += value;
+                squares += value * value;
             }
-            let value = -f64::from(flat.values()[i]);
-            let unit = dot.depth(c, r);
-            let depth = p[2] * unit;
-            // d(depth)/d(center), the foreshortening's own change left out: it is of second order.
-            let slope = dot.inverse * (Vector2::new(c, r) - dot.center) * depth;
-            let by_size = p[2] * (larger.depth(c, r) - unit) / nudge;
-            let j = Parameters::new(slope.x, slope.y, unit, by_size, 1.0);
-            let residual = value - depth - p[4];
-            sums.matrix += j * j.transpose();
-            sums.vector += j * residual;
-            sums.squares += residual * residual;
-            sums.pixels += 1.0;
-            sums.mean += value;
-            sums.variance += value * value;
         }
+        Some(BlobState {
+            window: self,
+            parameters: p,
+            variance: squares - sum * sum / sums.weights.max(1.0),
+            sums,
+        })
     }
-    sums.variance -= sums.mean * sums.mean / sums.pixels.max(1.0);
-    Some(sums)
 }

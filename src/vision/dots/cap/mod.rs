@@ -26,10 +26,10 @@ use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};
 
 use self::disc::{DARKEST, Disc, Sample, State};
 pub(crate) use self::tone::{CapShape, Tone};
+use crate::fit::{Student, Sums};
 use crate::geometry::{Vec3, tangent_frame};
 use crate::vision::optics::ball_pixels::BallPixels;
 use crate::vision::optics::camera::{BallView, Pixel};
-use crate::vision::optics::sums::Sums;
 
 /// Maximum number of steps.
 const STEPS: usize = 8;
@@ -53,8 +53,8 @@ const MIN_PIXELS: usize = 16;
 const MANY_PIXELS: f64 = 150.0;
 /// Capacity for the pixels of a dot beforehand.
 const EXPECTED_PIXELS: usize = 4096;
-/// Degrees of freedom of the pixels' distribution.
-const DEGREES: f64 = 5.0;
+/// The pixels' loss.
+const LOSS: Student = Student::new(5, 1);
 /// The least share of the light that a dot's ink takes.
 const MIN_INK: f64 = 0.15;
 /// The least ratio of that to the residuals' deviation.
@@ -140,8 +140,7 @@ struct Equations<const N: usize> {
 impl<const N: usize> Equations<N> {
     /// The covariance of the unknowns.
     fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
-        // The information of Student's distribution is less than its weights' by this.
-        let spread = self.variance * (DEGREES + 3.0) / (DEGREES + 1.0);
+        let spread = self.variance / LOSS.information();
         Some(self.information.try_inverse()? * spread)
     }
 }
@@ -319,9 +318,7 @@ impl CapFitter {
         for sample in &self.samples {
             let (shown, by) = state.shown(disc, sample);
             let residual = sample.value - shown;
-            let weight = variance.map_or(1.0, |v| {
-                (DEGREES + 1.0) / (DEGREES + residual * residual / v)
-            });
+            let weight = variance.map_or(1.0, |v| LOSS.weight(residual * residual / v));
             sums.add(&by, residual, weight);
         }
         let now = [state.radius, state.blur, state.bend];

@@ -15,8 +15,7 @@ pub(crate) use self::unroll::Unrolled;
 use self::unroll::{EDGES, Edge, RAYS, SMOOTHING};
 use super::vote::Center;
 use super::{BallCircle, BallFit, GrayImage, Pixel, Polarity};
-use crate::stats::biweight;
-use crate::vision::optics::sums::Sums;
+use crate::fit::{Sums, biweight};
 
 /// Reach of Tukey's biweight in the successive fits, in radii; then in pixels, for the last.
 const REACH: [f64; 4] = [0.2, 0.12, 0.08, 0.05];

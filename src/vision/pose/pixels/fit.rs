@@ -6,17 +6,17 @@
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
 use super::field::{BLUR, Blob, INK, Pixels, PlacedDot, RHO, SHADES};
+use crate::fit::{Normal, Student, Sums};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::MAX_DOTS;
 use crate::vision::frame::config::CameraModel;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
-use crate::vision::optics::sums::Sums;
 
 /// Turn, outline, inverse distance, radius and blur of the dots, ink: then the light.
 const OWN: usize = 10;
 const UNKNOWNS: usize = OWN + SHADES;
-/// Degrees of freedom of the pixels' distribution: print and glare.
-const DEGREES: f64 = 4.0;
+/// The pixels' loss: there is print and glare.
+const LOSS: Student = Student::new(4, 1);
 /// Deviations of inverse distance, of the logarithms of radius and blur, and of the ink.
 const SPREAD: [f64; 4] = [0.05, 0.25, 0.3, 0.2];
 /// What is known.
@@ -184,21 +184,22 @@ impl Fitter {
                 for (to, shade) in all[OWN..].iter_mut().zip(&shades) {
                     *to = shade * sample.weight;
                 }
-                let weight = (DEGREES + 1.0) / (DEGREES + residual * residual / variance);
-                sums.add(&all, residual, weight);
+                sums.add(&all, residual, LOSS.weight(residual * residual / variance));
             }
             // At the weights' fixed point the mean of their squares is the scale's.
             let count = pixels.samples.len() as f64;
             let next = sums.squares / (count - FREE).max(1.0);
-            let mut information = sums.symmetric() / variance;
-            let mut gradient = SVector::from(sums.gradient) / variance;
+            let mut normal = Normal {
+                information: sums.symmetric() / variance,
+                gradient: SVector::from(sums.gradient) / variance,
+                cost: 0.0,
+            };
             for (k, (off, sigma)) in fit.known(start).into_iter().enumerate() {
-                information[(3 + k, 3 + k)] += 1.0 / (sigma * sigma);
-                gradient[3 + k] += off / (sigma * sigma);
+                normal.hold(3 + k, off, sigma);
             }
             // Held back: what is not seen, and long turns.
-            (0..UNKNOWNS).for_each(|k| information[(k, k)] += if k < 3 { 1.0 } else { 1e-4 });
-            fit.go(information.cholesky()?.solve(&gradient));
+            (0..UNKNOWNS).for_each(|k| normal.hold(k, 0.0, if k < 3 { 1.0 } else { 100.0 }));
+            fit.go(normal.step()?);
             fit.scale = next.sqrt().max(MIN_SCALE);
         }
         Some(fit)
@@ -217,7 +218,7 @@ impl Fitter {
         self.look(dots, start, fit)?;
         let term = |sample| {
             let residual = self.residual(pixels, sample, fit, is_mirrored) / scale;
-            0.5 * (DEGREES + 1.0) * (1.0 + residual * residual / DEGREES).ln()
+            0.5 * LOSS.cost(residual * residual)
         };
         let known = fit.known(start).map(|(off, sigma)| (off / sigma).powi(2));
         let sum: f64 = pixels.samples.iter().map(term).sum();
@@ -332,8 +333,7 @@ impl Fitter {
         let variance = fit.scale * fit.scale;
         for _ in 0..ROUNDS {
             for k in 0..self.seen.len() {
-                let mut information = Matrix2::zeros();
-                let mut gradient = Vector2::zeros();
+                let mut sums = Sums::<2>::default();
                 for sample in &pixels.samples {
                     let dot = &self.seen[k];
                     let Some((covered, slope)) = dot.blob.at(&off(sample.at, dot)) else {
@@ -341,13 +341,12 @@ impl Fitter {
                     };
                     let by = slope * (-fit.ink * covered * sample.weight);
                     let residual = self.residual(pixels, sample, fit, false);
-                    let weight =
-                        (DEGREES + 1.0) / (DEGREES + residual * residual / variance) / variance;
-                    information += by * by.transpose() * weight;
-                    gradient += by * (residual * weight);
+                    let weight = LOSS.weight(residual * residual / variance) / variance;
+                    sums.add(by.as_ref(), residual, weight);
                 }
                 let dot = &mut self.seen[k];
-                gradient -= known * dot.moved;
+                let information = sums.symmetric();
+                let gradient = Vector2::from(sums.gradient) - known * dot.moved;
                 if let Some(inverse) = (information + known).try_inverse() {
                     dot.moved += inverse * gradient;
                     dot.information = information;

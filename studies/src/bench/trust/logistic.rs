@@ -1,7 +1,7 @@
 //! Logistic regression by Newton's method.
 
 use nalgebra::{SMatrix, SVector};
-use spindoe::vision::pose::{DENSE_FEATURES, FEATURES, PoseEvidence, TrustMap};
+use spindoe::vision::pose::{FEATURES, PoseEvidence, PoseSource, TrustMap, Weights};
 
 use super::kinds::Judged;
 
@@ -15,28 +15,34 @@ pub const DOUBT_AND_MISFIT: [usize; 2] = [FEATURES - 2, FEATURES - 1];
 
 /// The map that makes the answers likeliest, without these features of detections.
 pub fn fit(answers: &[Judged], without: &[usize]) -> TrustMap {
-    let by_detections = weights::<{ FEATURES + 1 }>(answers, |evidence| {
-        let mut features = evidence.features();
-        without.iter().for_each(|&k| features[k] = 0.0);
-        evidence.is_of_detections().then_some(features.to_vec())
-    });
-    let dense = weights::<{ DENSE_FEATURES + 1 }>(answers, |evidence| {
-        evidence.dense_features().map(|f| f.to_vec())
-    });
-    let mut weights = [0.0; FEATURES];
-    weights.copy_from_slice(&by_detections[1..]);
     TrustMap {
-        constant: by_detections[0],
-        weights,
-        dense,
+        detections: weights(answers, |evidence| {
+            let mut features = evidence.features();
+            without.iter().for_each(|&k| features[k] = 0.0);
+            evidence.is_of_detections().then_some(features)
+        }),
+        places: weights(answers, |evidence| {
+            let is_of_places = matches!(evidence.source, PoseSource::Places(_));
+            is_of_places.then_some(evidence.features())
+        }),
+        pixels: TrustMap::IDENTITY.pixels,
     }
 }
 
+/// The weights for poses by the pixels of small balls that make the answers likeliest.
+pub fn of_pixels(answers: &[Judged]) -> Weights {
+    weights(answers, |evidence| {
+        let is_of_pixels = matches!(evidence.source, PoseSource::Pixels(_));
+        is_of_pixels.then_some(evidence.features())
+    })
+}
+
 /// Constant and weights for the answers that have these features.
-pub fn weights<const SIZE: usize>(
+fn weights(
     answers: &[Judged],
-    features: impl Fn(&PoseEvidence) -> Option<Vec<f64>>,
-) -> [f64; SIZE] {
+    features: impl Fn(&PoseEvidence) -> Option<[f64; FEATURES]>,
+) -> Weights {
+    const SIZE: usize = FEATURES + 1;
     let row = |answer: &Judged| {
         let features = features(&answer.evidence)?;
         let all = std::iter::once(1.0).chain(features);

@@ -25,14 +25,14 @@ pub(crate) struct Facing {
 
 /// What views show of places on a ball.
 #[derive(Debug, Clone, PartialEq)]
-pub struct PaintMap {
+pub struct ViewedPlaces {
     directions: Vec<Vec3>,
     counts: Vec<[u16; STEPS]>,
     views: Vec<u32>,
     values: Vec<f32>,
 }
 
-impl PaintMap {
+impl ViewedPlaces {
     /// Of faces and their rotations, map to view frame.
     pub(crate) fn new(directions: &[Vec3], views: &[(&Face, Rotation)], facing: Facing) -> Self {
         let turned: Vec<_> = views

@@ -10,9 +10,9 @@ use super::face::Face;
 use super::fit::{FitSpace, agreement};
 use super::frame::PaintedFrame;
 use super::laid::{Laid, apart};
-use super::map::{Facing, PaintMap};
-use super::surface::{Grid, Surface};
+use super::surface_map::{Grid, SurfaceMap};
 use super::track::starts;
+use super::viewed::{Facing, ViewedPlaces};
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3, spiral_directions};
 use crate::stats::median;
@@ -57,7 +57,7 @@ impl PaintMapper {
         let mut laid: Vec<Option<Laid>> =
             frames.iter().map(|f| Some(Laid::at(f.rotation?))).collect();
         for _ in 0..ROUNDS {
-            let surface = Surface::of(&self.grid, &apart(&faces, &laid));
+            let surface = SurfaceMap::of(&self.grid, &apart(&faces, &laid));
             // The same frames make the same map.
             if !self.lay(&faces, &surface, &mut laid) {
                 break;
@@ -70,7 +70,7 @@ impl PaintMapper {
     }
 
     /// Lays the open frames, outwards from the placed ones, and says whether one is placed by that.
-    fn lay(&self, faces: &[Option<Face>], surface: &Surface, laid: &mut [Option<Laid>]) -> bool {
+    fn lay(&self, faces: &[Option<Face>], surface: &SurfaceMap, laid: &mut [Option<Laid>]) -> bool {
         let placed: Vec<(&Face, Rotation)> = (faces.iter().zip(laid.iter()))
             .filter_map(|(face, laid)| Some((face.as_ref()?, laid.as_ref()?.rotation)))
             .collect();
@@ -112,9 +112,9 @@ pub struct MappedClip {
 
 impl MappedClip {
     /// The map that the frames show.
-    pub fn map(&self) -> PaintMap {
+    pub fn map(&self) -> ViewedPlaces {
         let places: Vec<Vec3> = spiral_directions(PLACES).collect();
-        PaintMap::new(&places, &apart(&self.faces, &self.laid), FACING)
+        ViewedPlaces::new(&places, &apart(&self.faces, &self.laid), FACING)
     }
 
     /// Looks for what hides the ball in the frames: what is so much darker than the bare ball, over that, and larger than a disc of so many radians.

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use zip::ZipWriter;
 
-use super::surface::{Grid, PLACES, Surface};
+use super::surface_map::{Grid, PLACES, SurfaceMap};
 use crate::error::{Error, Result};
 use crate::npz::{Archive, Checked, Problem, add_array, one_line, open, read_array};
 
@@ -21,7 +21,7 @@ const FORMAT_VERSION: u64 = 1;
 /// No value is farther from 0.
 const FARTHEST: f32 = 10.0;
 
-impl Surface {
+impl SurfaceMap {
     /// The file's bytes.
     ///
     /// # Errors
@@ -86,7 +86,7 @@ impl Surface {
     }
 }
 
-fn parse(bytes: &[u8]) -> Checked<Surface> {
+fn parse(bytes: &[u8]) -> Checked<SurfaceMap> {
     arrays(&mut surface_archive(bytes)?)
 }
 
@@ -103,7 +103,7 @@ fn surface_archive(bytes: &[u8]) -> Checked<Archive<'_>> {
     Ok(archive)
 }
 
-fn arrays(archive: &mut Archive<'_>) -> Checked<Surface> {
+fn arrays(archive: &mut Archive<'_>) -> Checked<SurfaceMap> {
     let shape = [Some(PLACES as u64)];
     let values: Vec<f32> = read_array(archive, "values", "f32", &shape)?;
     let views: Vec<f32> = read_array(archive, "views", "f32", &shape)?;
@@ -116,7 +116,7 @@ fn arrays(archive: &mut Archive<'_>) -> Checked<Surface> {
     if !views.iter().all(|v| *v >= 0.0 && v.is_finite()) {
         return Err(Problem::at("views", "expected finite numbers of 0 or more"));
     }
-    let mut surface = Surface::unknown();
+    let mut surface = SurfaceMap::unknown();
     (surface.values, surface.weights) = (values, views);
     surface.slope(&Grid::default());
     Ok(surface)

@@ -2,7 +2,7 @@
 
 use super::face::Face;
 use super::laid::{ALIGNED, Laid};
-use super::map::{Facing, PaintMap};
+use super::viewed::{Facing, ViewedPlaces};
 use crate::geometry::{Rotation, Vec3, spiral_directions};
 
 /// Places, 2 degrees apart.
@@ -24,7 +24,7 @@ const MOST: f32 = 12.0;
 
 /// A neighbor of a place and its part in the slope there.
 #[derive(Debug, Clone, Copy)]
-struct Neighbor {
+struct SlopeTerm {
     place: u32,
     weight: [f32; 3],
 }
@@ -35,7 +35,7 @@ pub(crate) struct Grid {
     pub(crate) directions: Vec<Vec3>,
     /// Where the neighbors of each place begin; they end where the next begin.
     first: Vec<u32>,
-    neighbors: Vec<Neighbor>,
+    neighbors: Vec<SlopeTerm>,
 }
 
 impl Default for Grid {
@@ -54,7 +54,7 @@ impl Default for Grid {
             for (k, other) in near.filter(|(_, d)| d.dot(place) > cos) {
                 let off = other - place * other.dot(place);
                 squares += 0.5 * off.norm_squared();
-                neighbors.push(Neighbor {
+                neighbors.push(SlopeTerm {
                     place: k as u32,
                     weight: [off.x as f32, off.y as f32, off.z as f32],
                 });
@@ -82,7 +82,7 @@ impl Grid {
 
 /// A ball's paint, in the frame of the surface.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Surface {
+pub struct SurfaceMap {
     pub(crate) values: Vec<f32>,
     /// Views of each place; 0 where none shows it.
     pub(crate) weights: Vec<f32>,
@@ -92,7 +92,7 @@ pub struct Surface {
     pub(crate) steep: Vec<u32>,
 }
 
-impl Surface {
+impl SurfaceMap {
     /// Nothing is known.
     pub(crate) fn unknown() -> Self {
         Self {
@@ -128,7 +128,7 @@ impl Surface {
 
     /// By all views.
     pub(crate) fn of(grid: &Grid, views: &[(&Face, Rotation)]) -> Self {
-        let map = PaintMap::new(&grid.directions, views, FACING);
+        let map = ViewedPlaces::new(&grid.directions, views, FACING);
         let mut surface = Self {
             values: map.values().to_vec(),
             weights: map.views().iter().map(|n| *n as f32).collect(),

@@ -18,19 +18,20 @@
 //!
 //! Not promised: an outline where the ball is not within a pixel or two of where it was found; then there is none.
 
+mod sector;
+
 use std::f64::consts::TAU;
-use std::sync::LazyLock;
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
+use self::sector::{LEAST_VARIANCE, Place, RimPixel, Sector, place, sector_at};
+use crate::fit::{Student, Sums};
 use crate::geometry::Vec3;
-use crate::stats::normal_cdf_and_density;
 use crate::vision::dots::cap::{CapShape, Tone};
 use crate::vision::frame::outline::Outline;
 use crate::vision::optics::ball_pixels::BallPixels;
-use crate::vision::optics::camera::{BallCircle, BallView, Pixel};
+use crate::vision::optics::camera::{BallCircle, Pixel};
 use crate::vision::optics::oval::Oval;
-use crate::vision::optics::sums::Sums;
 
 /// Number of sectors.
 const SECTORS: usize = 32;
@@ -41,31 +42,18 @@ const READ: ([f64; 2], [f64; 2]) = ([3.0, 1.5], [1.2, 2.5]);
 const MANY_PIXELS: f64 = 3000.0;
 /// Capacity for pixels beforehand.
 const EXPECTED_PIXELS: usize = 4096;
-/// Fewer pixels say nothing of a sector.
-const MIN_PIXELS: usize = 12;
-/// Steps of a sector's fit.
-const STEPS: usize = 3;
 /// Maximum change of the outline, pixels.
 const MAX_CHANGE: f64 = 1.5;
 /// After a larger one it is fitted again about the changed outline, pixels.
 const FAR: f64 = 0.25;
-/// The blur's standard deviation, of that of the dots.
-const BLUR_SPREAD: f64 = 0.1;
-/// Standard deviation of a sector's place beyond what its pixels say, pixels: what is behind the ball is not even.
-const SECTOR_ERROR: f64 = 0.03;
-/// A sector that is known worse says nothing, pixels.
-const MAX_SECTOR_ERROR: f64 = 0.6;
-/// Steps, and degrees of freedom, of the fit to the sectors.
+/// Steps, and the loss, of the fit to the sectors.
 const ROUNDS: usize = 6;
-const DEGREES: f64 = 3.0;
+const LOSS: Student = Student::new(3, 1);
 /// Fewer sectors are no outline, and no oval.
 const MIN_SECTORS: usize = 14;
 const MIN_OVAL_SECTORS: usize = 16;
 /// Standard deviations of what the model leaves out, pixels: of center and radius.
 const MODEL_ERROR: [f64; 3] = [0.03, 0.03, 0.08];
-
-/// The least variance of a sector's values.
-const LEAST_VARIANCE: f64 = 1e-8;
 /// The bends of the tone curve that are tried.
 const BENDS: [f64; 3] = [0.0, 0.5, 1.0];
 /// The least deviation of the bend: curves of cameras are not quite of this family.
@@ -76,33 +64,6 @@ const INDEPENDENT: f64 = 200.0;
 const SOFT_SLOPE: f64 = 0.1;
 /// The least slope of a curve whose likelihood is compared with another's.
 const LEAST_SLOPE: f64 = 0.02;
-
-/// Background, step, shading, place and blur.
-const UNKNOWNS: usize = 5;
-
-/// A pixel near the rim.
-#[derive(Debug, Clone, Copy)]
-struct RimPixel {
-    sector: usize,
-    /// Pixels within the outline.
-    within: f64,
-    value: f64,
-    /// By the tone curve in hand.
-    light: f64,
-    weight: f64,
-}
-
-/// A piece of the rim.
-#[derive(Debug, Clone, Copy, Default)]
-struct Sector {
-    /// Outwards, unit vector in the image.
-    normal: Vector2<f64>,
-    /// Ball radii along a pixel.
-    scale: f64,
-}
-
-/// Where a sector's rim is: pixels beyond the outline, and its variance.
-type Place = Option<(f64, f64)>;
 
 /// Fits outlines; keeps its memory.
 #[derive(Debug)]
@@ -302,58 +263,6 @@ impl RimFitter {
     }
 }
 
-/// The piece of the rim at an angle of the view frame.
-fn sector_at(view: &BallView, angle: f64) -> Option<Sector> {
-    let out = (1.0 - view.horizon().powi(2)).sqrt();
-    let at = view.project(&Vec3::new(
-        out * angle.cos(),
-        out * angle.sin(),
-        view.horizon(),
-    ));
-    let radii = |du: f64, dv: f64| {
-        let pixel = Pixel {
-            u: at.u + du,
-            v: at.v + dv,
-        };
-        view.aside(pixel).norm()
-    };
-    let by_pixel = Vector2::new(
-        radii(0.5, 0.0) - radii(-0.5, 0.0),
-        radii(0.0, 0.5) - radii(0.0, -0.5),
-    );
-    let scale = by_pixel.norm();
-    (scale > 0.0).then(|| Sector {
-        normal: by_pixel / scale,
-        scale,
-    })
-}
-
-/// What light there is about a sector's rim.
-#[derive(Debug, Clone, Copy)]
-struct Profile {
-    /// Behind the ball, the step to the ball, and the shading.
-    light: [f64; 3],
-    /// Pixels beyond the outline.
-    at: f64,
-    blur: f64,
-}
-
-impl Profile {
-    /// The light of a pixel, and its derivatives.
-    fn shown(&self, pixel: &RimPixel) -> (f64, [f64; UNKNOWNS]) {
-        let [behind, step, shading] = self.light;
-        let depth = (pixel.within + self.at) / self.blur;
-        let (covered, density) = normal_cdf_and_density(depth.clamp(-6.0, 6.0));
-        let (root, by_depth) = blurred_root(depth);
-        let unit = self.blur.sqrt();
-        let root = root * unit;
-        let by_depth = step * density + shading * by_depth * unit;
-        let by_blur = (0.5 * shading * root - by_depth * depth) / self.blur;
-        let by = [1.0, covered, root, by_depth / self.blur, by_blur];
-        (behind + step * covered + shading * root, by)
-    }
-}
-
 /// The bend of the tone curve and its variance, by the costs of [`BENDS`] and what is known of it.
 fn bend([line, middle, root]: &[f64; 3], known: &Tone) -> (f64, f64) {
     let least = MIN_BEND_ERROR * MIN_BEND_ERROR;
@@ -369,58 +278,6 @@ fn bend([line, middle, root]: &[f64; 3], known: &Tone) -> (f64, f64) {
     }
     let best = if cost(0.0) < cost(1.0) { 0.0 } else { 1.0 };
     (best, known.variance.max(least))
-}
-
-/// Where the rim is in a sector, and the weighted squares that its light leaves.
-fn place(pixels: &[RimPixel], blur: f64) -> (Place, f64) {
-    let mut squares = 0.0;
-    let found = place_with(pixels, blur, &mut squares);
-    (found, squares)
-}
-
-fn place_with(pixels: &[RimPixel], blur: f64, squares: &mut f64) -> Place {
-    if pixels.len() < MIN_PIXELS {
-        return None;
-    }
-    let mut profile = Profile {
-        light: [0.0; 3],
-        at: 0.0,
-        blur,
-    };
-    let mut last = None;
-    for round in 0..=STEPS {
-        let mut sums = Sums::<UNKNOWNS>::default();
-        for pixel in pixels {
-            let (shown, by) = profile.shown(pixel);
-            sums.add(&by, pixel.light - shown, pixel.weight);
-        }
-        *squares = sums.squares;
-        let variance = (sums.squares / (pixels.len() - UNKNOWNS) as f64).max(LEAST_VARIANCE);
-        let mut information = sums.symmetric();
-        let mut gradient = SVector::from(sums.gradient);
-        if round == 0 {
-            // At first the light alone.
-            (3..UNKNOWNS).for_each(|k| information[(k, k)] += 1e9 * sums.weights);
-        }
-        // Shading is weakly bound: where it is not seen it is none.
-        information[(2, 2)] += 1e-3 * sums.weights / pixels.len() as f64;
-        let known = variance / (BLUR_SPREAD * blur).powi(2);
-        information[(4, 4)] += known;
-        gradient[4] += known * (blur - profile.blur);
-        let factor = information.cholesky()?;
-        let change = factor.solve(&gradient);
-        if round == STEPS {
-            last = Some(factor.inverse()[(3, 3)] * variance);
-        }
-        for (value, by) in profile.light.iter_mut().zip(change.iter()) {
-            *value += by;
-        }
-        profile.at += change[3].clamp(-0.7, 0.7);
-        profile.blur = (profile.blur + change[4]).clamp(0.5 * blur, 2.0 * blur);
-    }
-    let (at, variance) = (profile.at, last?);
-    let is_clear = at.abs() < MAX_CHANGE + 0.5 && variance < MAX_SECTOR_ERROR * MAX_SECTOR_ERROR;
-    is_clear.then_some((at, variance + SECTOR_ERROR * SECTOR_ERROR))
 }
 
 /// The outline by its sectors.
@@ -460,59 +317,26 @@ fn fit<const N: usize>(
     let mut scale = 1.0;
     let mut covariance = SMatrix::<f64, N, N>::zeros();
     for _ in 0..ROUNDS {
-        let (mut information, mut gradient) = (SMatrix::zeros(), SVector::zeros());
-        let mut squares = 0.0;
+        let mut sums = Sums::<N>::default();
         for (by, (at, variance)) in seen() {
             let residual = at - by.dot(&change);
-            let squared = residual * residual / (variance * scale);
-            let weight = (DEGREES + 1.0) / (DEGREES + squared);
-            information += by * by.transpose() * (weight / variance);
-            gradient += by * (weight * residual / variance);
-            squares += weight * residual * residual / variance;
+            let weight = LOSS.weight(residual * residual / (variance * scale));
+            sums.add(&by.into(), residual, weight / variance);
         }
-        let inverse = information.cholesky()?.inverse();
-        change += inverse * gradient;
-        scale = (squares / (count - N) as f64).max(1.0);
-        covariance = inverse * (scale * (DEGREES + 3.0) / (DEGREES + 1.0));
+        let inverse = sums.symmetric().cholesky()?.inverse();
+        change += inverse * SVector::from(sums.gradient);
+        scale = (sums.squares / (count - N) as f64).max(1.0);
+        covariance = inverse * (scale / LOSS.information());
     }
     Some((change, covariance))
-}
-
-/// From this depth on, in steps of that, in deviations of the blur.
-const TABLE: (f64, f64, usize) = (-4.0, 0.05, 241);
-
-/// `E sqrt(max(0, x + n))`.
-static ROOTS: LazyLock<[f64; TABLE.2]> = LazyLock::new(|| {
-    std::array::from_fn(|k| {
-        let x = TABLE.0 + TABLE.1 * k as f64;
-        let terms = (-500..=500).map(|i| {
-            let n = 0.01 * f64::from(i);
-            (x + n).max(0.0).sqrt() * normal_cdf_and_density(n).1 * 0.01
-        });
-        terms.sum()
-    })
-});
-
-/// `E sqrt(max(0, x + n))` and its derivative.
-fn blurred_root(x: f64) -> (f64, f64) {
-    let at = (x - TABLE.0) / TABLE.1;
-    if at < 0.0 {
-        return (0.0, 0.0);
-    }
-    let k = at as usize;
-    if k + 1 >= TABLE.2 {
-        let root = x.sqrt();
-        return (root - 0.125 / (x * root), 0.5 / root);
-    }
-    let by = ROOTS[k + 1] - ROOTS[k];
-    (ROOTS[k] + by * (at - k as f64), by / TABLE.1)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::image::GrayImage;
-    use crate::vision::optics::camera::Camera;
+    use crate::stats::normal_cdf_and_density;
+    use crate::vision::optics::camera::{BallView, Camera};
     use crate::vision::optics::grid::Grid;
 
     const SIDE: usize = 80;

@@ -4,11 +4,11 @@ use nalgebra::Vector4;
 
 use super::face::{Face, FaceMaker};
 use super::frame::PaintedFrame;
-use super::steady::steady;
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera};
+use crate::vision::outline::steady::steady;
 
 /// Steps of the differences by what the views share.
 const STEP: f64 = 1e-4;

@@ -10,7 +10,7 @@ use super::fit::FitSpace;
 use super::frame::PaintedFrame;
 use super::laid::{LAID, Laid, TURNED, apart, few, numbers};
 use super::search::{Blurred, Search};
-use super::surface::{Grid, Surface};
+use super::surface_map::{Grid, SurfaceMap};
 use crate::concurrency;
 use crate::geometry::{Rotation, rotation_angle, turned_covariance};
 use crate::stats::median;
@@ -46,7 +46,7 @@ const SYSTEMATIC: f64 = 0.012;
 /// A frame on the surface.
 #[derive(Debug, Clone, Copy)]
 pub struct PaintedPose {
-    /// Surface to camera frame, or to the view frame where the intrinsics are not known.
+    /// SurfaceMap to camera frame, or to the view frame where the intrinsics are not known.
     pub rotation: Rotation,
     /// Covariance of the small rotation that leads from it to the true one, in the same frame, rad^2.
     pub covariance: Matrix3<f64>,
@@ -74,7 +74,7 @@ pub struct PaintedTrack {
     /// In the order of the frames, in the frame of the surface.
     pub poses: PaintedPoses,
     /// The surface, in the view frame of the first frame with a pose.
-    pub surface: Surface,
+    pub surface: SurfaceMap,
 }
 
 /// Finds painted balls' orientations.
@@ -124,7 +124,7 @@ impl PaintedTracker {
     }
 
     /// The poses on a surface that an earlier clip made, each frame alone.
-    pub fn place(&self, frames: &[PaintedFrame], surface: &Surface) -> PaintedPoses {
+    pub fn place(&self, frames: &[PaintedFrame], surface: &SurfaceMap) -> PaintedPoses {
         let blurred = self.search.blurred(&self.grid, surface);
         let mut clip = Clip::new(frames, &self.camera);
         clip.reach(clip.len(), &self.maker);
@@ -172,7 +172,7 @@ impl PaintedTracker {
 
     /// Frame after frame, each on what those before it show.
     fn grow(&self, clip: &mut Clip<'_>) -> Vec<Option<Laid>> {
-        let mut surface = Surface::unknown();
+        let mut surface = SurfaceMap::unknown();
         let mut blurred: Option<Blurred> = None;
         let mut space = FitSpace::default();
         let mut all: Vec<Option<Laid>> = Vec::with_capacity(clip.len());
@@ -232,7 +232,7 @@ impl PaintedTracker {
     fn lost(
         &self,
         space: &mut FitSpace,
-        surface: &Surface,
+        surface: &SurfaceMap,
         blurred: &Blurred,
         face: &Face,
         neighbor: Option<Rotation>,
@@ -255,15 +255,15 @@ impl PaintedTracker {
         best
     }
 
-    fn surface(&self, faces: &[Option<Face>], laid: &[Option<Laid>]) -> Surface {
-        Surface::of(&self.grid, &apart(faces, laid))
+    fn surface(&self, faces: &[Option<Face>], laid: &[Option<Laid>]) -> SurfaceMap {
+        SurfaceMap::of(&self.grid, &apart(faces, laid))
     }
 
     /// All frames on one surface, each from where it lay; lost ones from their neighbors, or anywhere.
     fn settle(
         &self,
         faces: &[Option<Face>],
-        surface: &Surface,
+        surface: &SurfaceMap,
         laid: &[Option<Laid>],
     ) -> Vec<Option<Laid>> {
         let blurred = self.search.blurred(&self.grid, surface);

@@ -6,42 +6,37 @@
 //! covariance), each dot has the weight of Student's distribution with `nu` degrees of freedom, `(nu + 2) / (nu + e^T S^-1 e)`; Gauss-Newton
 //! on that (K. Lange et al., "Robust statistical modeling using the t distribution", JASA 84, 1989).
 
-use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
+mod placement;
+mod prior;
 
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
+
+pub(crate) use self::placement::Placement;
+use self::placement::{Misfit, Spread, misfit};
+use self::prior::bounded;
+pub(crate) use self::prior::{Drawn, Prior};
+use crate::fit::{Normal, Student};
 use crate::geometry::{Position, Rotation, Vec3, angle_between, turned_covariance};
 use crate::vision::frame::config::{CameraDistance, CameraModel, EstimatorConfig};
-use crate::vision::frame::estimate::{Axis, FrameEstimate, Pose};
+use crate::vision::frame::estimate::{FrameEstimate, Pose};
 use crate::vision::frame::position;
 use crate::vision::frame::view_evidence::ViewEvidence;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
 
 /// Of the turn, the outline, the distance and the axis.
 const PARAMETERS: usize = 9;
-/// Standard deviation of the eccentricity along either axis of the image, where the outline is a circle and where an ellipse was
-/// fitted: a ball 5 degrees off the axis has 0.087.
-const ECCENTRICITY: [f64; 2] = [0.08, 0.05];
-/// Of what the axis' place says of the eccentricity to first order.
-const FIRST_ORDER: f64 = 0.005;
-/// One that stays as it is.
-const FIXED: f64 = 1e-6;
-/// That of a ball far outside any camera's view.
-const MAX_ECCENTRICITY: f64 = 0.9;
 /// Step of the finite differences by the eccentricity.
 const DIFFERENCE: f64 = 1e-4;
 /// Maximum number of steps.
 const STEPS: usize = 12;
 /// A shorter step, radians, ends the iteration.
 const CONVERGED: f64 = 1e-5;
-/// Degrees of freedom of the dots' distribution: drawn dots and detectors err with heavy tails.
-const DEGREES: f64 = 5.0;
+/// The dots' loss: drawn dots and detectors err with heavy tails.
+const LOSS: Student = Student::new(5, 2);
 /// A detection nearer to an expected dot than this many standard deviations takes its name.
 const TAKEN_UP: f64 = 3.0;
 /// One farther off than this loses it.
 const DROPPED: f64 = 5.0;
-/// Residuals beyond the fitted parameters from which on a placement is estimated.
-const LEAST_FREE: f64 = 3.0;
-/// The least variance of the placement over the stated one: none that is seen.
-const LEAST_PLACEMENT: f64 = 1e-6;
 /// Minimum number of named dots that fix an orientation.
 const MIN_MATCHES: usize = 2;
 
@@ -102,14 +97,10 @@ pub(crate) struct Refiner {
 }
 
 /// Normal equations, and minus two log-likelihoods.
-struct Equations {
-    information: SMatrix<f64, PARAMETERS, PARAMETERS>,
-    gradient: SVector<f64, PARAMETERS>,
-    cost: f64,
-}
+type Equations = Normal<PARAMETERS>;
 
 /// Where the iteration stands.
-struct State {
+struct PoseState {
     camera: Camera,
     view: BallView,
     rotation: Rotation,
@@ -120,143 +111,7 @@ struct State {
     cost: f64,
 }
 
-/// What is known before the dots are fitted.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Prior {
-    /// The outline, and the covariance of its u, v and radius.
-    pub outline: (BallCircle, Matrix3<f64>),
-    /// What is known of the camera.
-    pub camera: CameraModel,
-    /// Where the search for the distance starts: the camera under which the dots are identified.
-    pub start: Camera,
-    pub drawn: Drawn,
-    /// Where the camera's axis is expected.
-    pub axis: Option<Axis>,
-}
-
-impl Prior {
-    /// What it says at a view; `of_outline` is the inverse of the outline's covariance.
-    fn equations(&self, of_outline: &Matrix3<f64>, view: &BallView) -> Equations {
-        let (mut all, camera) = (self.of_outline(of_outline, view), self.of_camera(view));
-        all.information += camera.information;
-        all.gradient += camera.gradient;
-        all.cost += camera.cost;
-        all
-    }
-
-    /// What the outline says.
-    fn of_outline(&self, of_outline: &Matrix3<f64>, view: &BallView) -> Equations {
-        let (circle, now) = (&self.outline.0, view.circle());
-        let moved = offset(circle.center, now.center);
-        let (growth, by_eccentricity) = match circle.is_ellipse() {
-            true => (1.0, Vector2::zeros()),
-            false => of_circle(&now.eccentricity),
-        };
-        let back = Vec3::new(moved.x, moved.y, circle.radius - growth * now.radius);
-        let mut by = SMatrix::<f64, 3, PARAMETERS>::zeros();
-        (by[(0, 3)], by[(1, 4)], by[(2, 5)]) = (1.0, 1.0, growth);
-        (0..2).for_each(|k| by[(2, 7 + k)] = now.radius * by_eccentricity[k]);
-        let pull = of_outline * back;
-        let mut information = by.transpose() * of_outline * by;
-        let mut gradient = by.transpose() * pull;
-        let mut cost = back.dot(&pull);
-        if self.has_oval() {
-            cost += self.add_eccentricity(&mut information, &mut gradient, view);
-        }
-        Equations {
-            information,
-            gradient,
-            cost,
-        }
-    }
-
-    /// Whether the outline shows how far it is drawn out, and the dots may follow.
-    fn has_oval(&self) -> bool {
-        let is_unknown = matches!(self.camera, CameraModel::Unknown(_));
-        is_unknown && self.outline.0.is_ellipse() && self.drawn == Drawn::AsSeen
-    }
-
-    /// What the outline says of the eccentricity, or where it is a circle that most balls are near the axis. Minus two
-    /// log-likelihoods.
-    fn add_eccentricity(
-        &self,
-        information: &mut SMatrix<f64, PARAMETERS, PARAMETERS>,
-        gradient: &mut SVector<f64, PARAMETERS>,
-        view: &BallView,
-    ) -> f64 {
-        let circle = &self.outline.0;
-        let sigma = match self.drawn {
-            Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
-            // Dots that may lie anywhere about their places say nothing of the axis.
-            Drawn::AsStated => FIXED,
-        };
-        let away = circle.eccentricity - view.circle().eccentricity;
-        for k in 0..2 {
-            information[(7 + k, 7 + k)] += sigma.powi(-2);
-            gradient[7 + k] += away[k] / sigma.powi(2);
-        }
-        away.norm_squared() / sigma.powi(2)
-    }
-
-    /// What it says of the camera alone.
-    fn of_camera(&self, view: &BallView) -> Equations {
-        let mut information = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
-        let mut gradient = SVector::<f64, PARAMETERS>::zeros();
-        let mut cost = 0.0;
-        match self.camera {
-            CameraModel::Unknown(known) => {
-                information[(6, 6)] += known.sigma.powi(-2);
-                let away = known.inverse_distance - view.horizon();
-                gradient[6] = away / known.sigma.powi(2);
-                cost += (away / known.sigma).powi(2);
-                let axis = self.axis.filter(|_| self.drawn == Drawn::AsSeen);
-                // Without an ellipse the picture says more of the axis than that most balls are near it.
-                if axis.is_none() && !self.has_oval() {
-                    cost += self.add_eccentricity(&mut information, &mut gradient, view);
-                }
-                if let Some(axis) = axis {
-                    cost += axis.add_to(&mut information, &mut gradient, view);
-                }
-            }
-            // No dot depends on these: they stay where they are.
-            CameraModel::Known(_) => (6..PARAMETERS).for_each(|k| information[(k, k)] += 1.0),
-        }
-        Equations {
-            information,
-            gradient,
-            cost,
-        }
-    }
-}
-
-impl Axis {
-    /// What it says of the eccentricity and the distance at a view: to first order a ball at `off` radii from the axis
-    /// has the eccentricity `off / distance`. Minus two log-likelihoods.
-    fn add_to(
-        &self,
-        information: &mut SMatrix<f64, PARAMETERS, PARAMETERS>,
-        gradient: &mut SVector<f64, PARAMETERS>,
-        view: &BallView,
-    ) -> f64 {
-        let (now, horizon) = (view.circle(), view.horizon());
-        let off = offset(now.center, self.middle) / now.radius;
-        let sigma = self.sigma_px / now.radius * horizon;
-        let variance = sigma.powi(2) + FIRST_ORDER.powi(2);
-        let misfit = off * horizon - now.eccentricity;
-        for k in 0..2 {
-            let by = [(6, -off[k]), (7 + k, 1.0)];
-            for (i, by_i) in by {
-                gradient[i] += by_i * misfit[k] / variance;
-                for (j, by_j) in by {
-                    information[(i, j)] += by_i * by_j / variance;
-                }
-            }
-        }
-        misfit.norm_squared() / variance
-    }
-}
-
-impl State {
+impl PoseState {
     /// Takes a step.
     fn go(&mut self, step: &SVector<f64, PARAMETERS>, prior: &Prior) -> Option<()> {
         let turn = step.fixed_rows::<3>(0).into_owned();
@@ -279,39 +134,6 @@ impl State {
         }
         self.view = BallView::new(&self.camera, changed).ok()?;
         Some(())
-    }
-}
-
-/// How far the dots of a ball are believed to lie from where its placement has them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Drawn {
-    /// As far as it states.
-    AsStated,
-    /// As far as they are seen to, at most as it states.
-    AsSeen,
-}
-
-/// How far the drawn dots may lie from the pattern's.
-#[derive(Debug, Clone)]
-pub(crate) enum Placement {
-    /// All alike: variance per tangent axis, rad^2.
-    Alike(f64),
-    /// Measured: each dot's covariance, rad^2, pattern frame.
-    Measured(Vec<Matrix3<f64>>),
-}
-
-impl Placement {
-    /// Covariance in the view frame of dot `name`, expected at `expected` under `rotation`.
-    fn covariance(&self, name: usize, rotation: &Rotation, expected: &Vec3) -> Matrix3<f64> {
-        match self {
-            Self::Alike(variance) => {
-                (Matrix3::identity() - expected * expected.transpose()) * *variance
-            }
-            Self::Measured(covariances) => {
-                let turn = rotation.to_rotation_matrix();
-                turn.matrix() * covariances[name] * turn.matrix().transpose()
-            }
-        }
     }
 }
 
@@ -409,7 +231,7 @@ impl Refiner {
         {
             state = again;
         }
-        let unnamed = (DEGREES + 2.0) * (1.0 + TAKEN_UP * TAKEN_UP / DEGREES).ln();
+        let unnamed = LOSS.cost(TAKEN_UP * TAKEN_UP);
         state.cost - unnamed * matches.len() as f64
     }
 
@@ -422,7 +244,7 @@ impl Refiner {
         rotation: &Rotation,
         frame: &FrameEstimate,
         matches: &[Match],
-    ) -> Option<(State, Prior)> {
+    ) -> Option<(PoseState, Prior)> {
         let near = self.fit(names, prior, rotation, frame, matches);
         let near = near.map(|state| (state, *prior));
         let is_known = matches!(prior.camera, CameraModel::Known(_));
@@ -442,7 +264,7 @@ impl Refiner {
         &self,
         names: &[Vec3],
         prior: &Prior,
-        state: &State,
+        state: &PoseState,
         frame: &FrameEstimate,
         matches: &[Match],
     ) -> Option<ViewEvidence> {
@@ -461,13 +283,13 @@ impl Refiner {
         rotation: &Rotation,
         frame: &FrameEstimate,
         matches: &[Match],
-    ) -> Option<State> {
+    ) -> Option<PoseState> {
         if matches.len() < MIN_MATCHES {
             return None;
         }
         let (circle, covariance) = &prior.outline;
         let of_outline = covariance.try_inverse()?;
-        let mut state = State {
+        let mut state = PoseState {
             camera: prior.start,
             view: BallView::new(&prior.start, *circle).ok()?,
             rotation: *rotation,
@@ -499,7 +321,7 @@ impl Refiner {
         &self,
         names: &[Vec3],
         prior: &Prior,
-        state: &State,
+        state: &PoseState,
         frame: &FrameEstimate,
         matches: &[Match],
         equations: &mut Equations,
@@ -522,11 +344,9 @@ impl Refiner {
                 by_parameters.fixed_columns_mut::<3>(6).fill(0.0);
             }
             let distance = residual.dot(&(inverse * residual));
-            let weight = (DEGREES + 2.0) / (DEGREES + distance);
-            equations.cost += (DEGREES + 2.0) * (1.0 + distance / DEGREES).ln();
-            let weighted = by_parameters.transpose() * inverse * weight;
-            equations.information += weighted * by_parameters;
-            equations.gradient += weighted * residual;
+            let weight = LOSS.weight(distance);
+            equations.add(&by_parameters, &residual, &(inverse * weight));
+            equations.cost += LOSS.cost(distance);
             if prior.drawn == Drawn::AsSeen {
                 spread.add(&(inverse * hand), &(inverse * residual), &hand, weight);
             }
@@ -538,7 +358,7 @@ impl Refiner {
     fn rename(
         &self,
         names: &[Vec3],
-        state: &State,
+        state: &PoseState,
         frame: &FrameEstimate,
         matches: &mut Vec<Match>,
     ) -> bool {
@@ -594,68 +414,6 @@ fn named(frame: &FrameEstimate) -> impl Iterator<Item = Match> {
     })
 }
 
-/// What the residuals say of the placement's variance `t`, by the restricted likelihood's fixed point
-/// `t -> t sum e^T S^-1 P S^-1 e / sum tr(S^-1 P)` (D. Harville, JASA 72, 1977), `P` its part of the dots' covariances `S`.
-#[derive(Debug, Clone, Copy, Default)]
-struct Spread {
-    seen: f64,
-    expected: f64,
-    residuals: f64,
-}
-
-impl Spread {
-    /// A dot: `S^-1 P`, `S^-1 e`, `P` and its weight.
-    fn add(
-        &mut self,
-        share: &Matrix2<f64>,
-        pull: &Vector2<f64>,
-        placement: &Matrix2<f64>,
-        weight: f64,
-    ) {
-        self.seen += weight * pull.dot(&(placement * pull));
-        self.expected += share.trace();
-        self.residuals += 2.0;
-    }
-
-    /// The variance over the stated one, from the one in use and the number of fitted parameters: its mean where its
-    /// logarithm may be anything, at most the stated one.
-    fn scaled(&self, now: f64, fitted: f64) -> f64 {
-        let free = self.residuals - fitted;
-        if free <= LEAST_FREE {
-            return 1.0;
-        }
-        let expected = self.expected * free / self.residuals;
-        let mean = free / (free - 2.0);
-        (now * mean * self.seen / expected).clamp(LEAST_PLACEMENT, 1.0)
-    }
-}
-
-/// How far a dot is seen from where it is expected.
-struct Misfit {
-    residual: Vector2<f64>,
-    /// Inverse of its covariance.
-    inverse: Matrix2<f64>,
-    /// The placement's part of the covariance.
-    hand: Matrix2<f64>,
-}
-
-/// The misfit of a dot whose place has the covariance `placement` (view frame).
-fn misfit(
-    view: &BallView,
-    expected: &Vec3,
-    pixel: Pixel,
-    covariance: &Matrix2<f64>,
-    placement: &Matrix3<f64>,
-) -> Option<Misfit> {
-    let by_direction = view.jacobian(expected);
-    let hand = by_direction * placement * by_direction.transpose();
-    Some(Misfit {
-        residual: offset(pixel, view.project(expected)),
-        inverse: (covariance + hand).try_inverse()?,
-        hand,
-    })
-}
-
 /// Derivative of a dot's pixel by turn, outline, inverse distance and axis; `off_axis` are the views by a step of the axis.
 fn by_parameters(
     view: &BallView,
@@ -679,78 +437,7 @@ fn by_parameters(
     Some(by)
 }
 
-/// An eccentricity that an outline can have.
-fn bounded(eccentricity: Vector2<f64>) -> Vector2<f64> {
-    let length = eccentricity.norm();
-    eccentricity * (MAX_ECCENTRICITY / length.max(MAX_ECCENTRICITY))
-}
-
-/// The radius of the circle that was fitted to an ellipse, the geometric mean of the half axes, over the shorter one; and
-/// its derivative by the eccentricity.
-fn of_circle(eccentricity: &Vector2<f64>) -> (f64, Vector2<f64>) {
-    let rest = 1.0 - eccentricity.norm_squared();
-    let growth = rest.powf(-0.25);
-    (growth, eccentricity * (0.5 * growth / rest))
-}
-
 /// From `b` to `a`, pixels.
 fn offset(a: Pixel, b: Pixel) -> Vector2<f64> {
     Vector2::new(a.u - b.u, a.v - b.v)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// What the axis says, as a cost; its gradient is minus a half of the cost's.
-    #[test]
-    fn the_gradient_of_the_axis_is_that_of_its_cost() {
-        let axis = Axis {
-            middle: Pixel { u: 319.5, v: 239.5 },
-            sigma_px: 25.6,
-        };
-        let at = |inverse_distance: f64, eccentricity: Vector2<f64>| {
-            let circle = BallCircle {
-                center: Pixel { u: 500.0, v: 100.0 },
-                radius: 30.0,
-                eccentricity,
-            };
-            let camera = Camera::Near { inverse_distance };
-            let view = BallView::new(&camera, circle).expect("a view");
-            let mut information = SMatrix::zeros();
-            let mut gradient = SVector::zeros();
-            let cost = axis.add_to(&mut information, &mut gradient, &view);
-            (cost, gradient, information, view.horizon())
-        };
-        let e = Vector2::new(0.2, -0.1);
-        let (_, gradient, information, _) = at(0.05, e);
-        let step = 1e-6;
-        for k in 0..2 {
-            let mut moved = [e, e];
-            moved[0][k] += step;
-            moved[1][k] -= step;
-            let [more, less] = moved.map(|e| at(0.05, e).0);
-            let slope = (more - less) / (2.0 * step);
-            let off = (slope + 2.0 * gradient[7 + k]).abs();
-            assert!(off < 1e-4 * slope.abs().max(1.0), "{slope} {gradient:?}");
-        }
-        // By the distance the spread changes, too, which a step of Gauss and Newton leaves out: its sign is right.
-        let (far, near) = (at(0.05 - step, e), at(0.05 + step, e));
-        assert!((near.3 - far.3 - 2.0 * step).abs() < 1e-9);
-        assert!((information - information.transpose()).norm() == 0.0);
-        let misfit = offset(Pixel { u: 500.0, v: 100.0 }, axis.middle) / 30.0 * 0.05 - e;
-        assert_eq!(gradient[7].signum(), misfit.x.signum());
-    }
-
-    /// A circle about an ellipse of half axes `radius / sqrt(1 - e^2)` and `radius`.
-    #[test]
-    fn the_circle_of_an_ellipse_has_the_mean_of_its_half_axes() {
-        let e = Vector2::new(0.3, 0.2);
-        let (growth, by) = of_circle(&e);
-        let long = 1.0 / (1.0 - e.norm_squared()).sqrt();
-        assert!((growth - (long * 1.0).sqrt()).abs() < 1e-12);
-        let step = Vector2::new(1e-6, 0.0);
-        let slope = (of_circle(&(e + step)).0 - of_circle(&(e - step)).0) / 2e-6;
-        assert!((slope - by.x).abs() < 1e-8);
-    }
 }

@@ -10,7 +10,7 @@ use super::face::Face;
 use super::fit::FitSpace;
 use super::laid::{LAID, Laid, apart, few, numbers};
 use super::search::Search;
-use super::surface::{Grid, Surface};
+use super::surface_map::{Grid, SurfaceMap};
 use crate::concurrency;
 use crate::stats::median;
 
@@ -47,7 +47,7 @@ impl Decoys<'_> {
             let mut others = laid.to_vec();
             let tested = every_second(&placed);
             tested.iter().for_each(|k| others[*k] = None);
-            let surface = Surface::of(self.grid, &apart(self.faces, &others));
+            let surface = SurfaceMap::of(self.grid, &apart(self.faces, &others));
             let agrees = |&k: &usize| {
                 let (face, laid) = (self.faces[k].as_ref()?, laid[k].as_ref()?);
                 let laid = FitSpace::default().lay(self.grid, &surface, face, &laid.rotation)?;
@@ -64,13 +64,13 @@ impl Decoys<'_> {
     }
 
     /// Whether the frames that are placed on a surface which others made agree with it by more than by chance.
-    pub fn are_beaten_on(&self, surface: &Surface, laid: &[Option<Laid>]) -> bool {
+    pub fn are_beaten_on(&self, surface: &SurfaceMap, laid: &[Option<Laid>]) -> bool {
         let mut own: Vec<f64> = laid.iter().flatten().map(|l| l.agreement).collect();
         own.is_empty() || stands_out(&mut own, self.by_chance(surface, &numbers(self.faces)))
     }
 
     /// The best that a decoy agrees with a surface.
-    fn by_chance(&self, surface: &Surface, frames: &[usize]) -> f64 {
+    fn by_chance(&self, surface: &SurfaceMap, frames: &[usize]) -> f64 {
         let blurred = self.search.blurred(self.grid, surface);
         let agrees = |&k: &usize| {
             let decoy = self.faces[k].as_ref()?.decoy();

@@ -17,16 +17,16 @@ use nalgebra::{DMatrix, DVector, Vector4};
 use super::clip::{Clip, FIXED, Shared};
 use super::fit::{LEAST_SIGMA, MAX_STEP, REACH};
 use super::laid::{ALIGNED, Laid};
-use super::surface::{Grid, PLACES, Surface};
+use super::surface_map::{Grid, PLACES, SurfaceMap};
 use crate::concurrency;
+use crate::fit::{biweight, weighted_sigma};
 use crate::geometry::{Rotation, Vec3};
-use crate::stats::{biweight, weighted_sigma};
 
 /// Standard deviation of a frame's turn in one step, radians: what nothing fixes stays.
 const DAMPING: f64 = 0.2;
 
 /// A visible place of a frame.
-struct Row {
+struct PixelRow {
     place: u32,
     frame: u32,
     weight: f64,
@@ -46,7 +46,7 @@ pub(crate) enum Paint {
 /// One step: the rotations of the frames `asked` are moved; how what the views share is to be moved is returned.
 pub(crate) fn step(
     grid: &Grid,
-    surface: &Surface,
+    surface: &SurfaceMap,
     paint: Paint,
     clip: &Clip<'_>,
     asked: &[usize],
@@ -78,13 +78,13 @@ pub(crate) fn step(
 /// What the frames show of the places, by places.
 fn rows(
     grid: &Grid,
-    surface: &Surface,
+    surface: &SurfaceMap,
     clip: &Clip<'_>,
     asked: &[usize],
     laid: &[Option<Laid>],
-) -> Vec<Row> {
+) -> Vec<PixelRow> {
     let numbers: Vec<usize> = (0..asked.len()).collect();
-    let of_frame = |&number: &usize| -> Option<Vec<Row>> {
+    let of_frame = |&number: &usize| -> Option<Vec<PixelRow>> {
         let k = asked[number];
         let (face, laid, moved) = (clip.faces[k].as_ref()?, laid[k].as_ref()?, clip.moved(k)?);
         let turn = laid.rotation.to_rotation_matrix();
@@ -102,7 +102,7 @@ fn rows(
             let slope = Vec3::from(surface.turns[place as usize].map(f64::from)).cross(direction);
             let residual = face.at(&at) - f64::from(surface.values[place as usize]);
             sizes.push([residual.abs(), slope.norm_squared()]);
-            rows.push(Row {
+            rows.push(PixelRow {
                 place,
                 frame: number as u32,
                 weight: depth,
@@ -119,7 +119,7 @@ fn rows(
         Some(rows)
     };
     let found = concurrency::map(&numbers, of_frame);
-    let mut rows: Vec<Row> = found.into_iter().flatten().flatten().collect();
+    let mut rows: Vec<PixelRow> = found.into_iter().flatten().flatten().collect();
     rows.sort_by_key(|r| r.place);
     rows
 }
@@ -142,14 +142,14 @@ impl Equations {
     }
 
     /// Adds the rows of a place, each less their mean.
-    fn add(&mut self, rows: &[Row], turn: &Vec3) {
+    fn add(&mut self, rows: &[PixelRow], turn: &Vec3) {
         let sum: f64 = rows.iter().map(|r| r.weight).sum();
         let mean = rows.iter().map(|r| r.weight * r.residual).sum::<f64>() / sum;
-        let by = |all: Vector4<f64>, r: &Row| all + r.by * r.weight;
+        let by = |all: Vector4<f64>, r: &PixelRow| all + r.by * r.weight;
         let mean_by = rows.iter().fold(Vector4::zeros(), by) / sum;
         let square = turn * turn.transpose();
         for row in rows {
-            let centered = Row {
+            let centered = PixelRow {
                 residual: row.residual - mean,
                 by: row.by - mean_by,
                 ..*row
@@ -163,7 +163,7 @@ impl Equations {
         }
     }
 
-    fn add_row(&mut self, row: &Row, turn: &Vec3) {
+    fn add_row(&mut self, row: &PixelRow, turn: &Vec3) {
         let (own, shared) = (3 * row.frame as usize, 3 * self.frames);
         let (weight, by) = (row.weight, &row.by);
         let matrix = &mut self.matrix;

@@ -4,16 +4,22 @@
 //! and has one outline in all frames; one that flies or is carried moves evenly for some frames: its center and radius are fitted by lines
 //! over the frames about each. Tukey's biweight stands against outlines that are far off.
 
-use crate::stats::{SIGMA_PER_MAD, biweight, median};
+use super::path::{Degree, OutlineAtZero};
+use crate::fit::Reweighting;
+use crate::stats::{SIGMA_PER_MAD, median};
 use crate::vision::optics::camera::BallCircle;
 
 /// Frames before and after one that take part.
 const WINDOW: usize = 12;
 /// Frames with an outline that it takes.
 const MIN_FRAMES: usize = 6;
-/// Reweighted fits, and standard deviations beyond which an outline does not count.
-const FITS: usize = 4;
-const REACH: f64 = 3.0;
+/// Outlines three standard deviations off do not count.
+const REWEIGHTING: Reweighting = Reweighting {
+    fits: 4,
+    reach: 3.0 * SIGMA_PER_MAD,
+    least: 1e-3 / SIGMA_PER_MAD,
+    starts_level: true,
+};
 /// A ball is at rest, or moves evenly, where its outlines scatter about one, or a line, by no more than so many times their scatter about
 /// lines through those near each.
 const EVEN: f64 = 2.0;
@@ -48,8 +54,7 @@ pub(crate) fn steady(circles: &[Option<(BallCircle, f64)>]) -> Vec<Option<(BallC
         let Some(steadied) = steadied else {
             return Some((circle, sigma_px));
         };
-        let [u, v, radius] = steadied.values;
-        (circle.center.u, circle.center.v, circle.radius) = (u, v, radius);
+        (circle.center, circle.radius) = (steadied.circle.center, steadied.circle.radius);
         Some((circle, steadied.sigma_px))
     };
     circles.iter().zip(steadied).map(one).collect()
@@ -57,8 +62,7 @@ pub(crate) fn steady(circles: &[Option<(BallCircle, f64)>]) -> Vec<Option<(BallC
 
 /// An outline by several.
 struct Steadied {
-    /// The center's u and v and the radius, pixels.
-    values: [f64; 3],
+    circle: BallCircle,
     /// How far the outlines scatter about it, pixels.
     scatter: f64,
     /// Standard deviation of the center, pixels.
@@ -74,53 +78,19 @@ fn about(circles: &[Option<(BallCircle, f64)>], at: f64, moves: bool) -> Option<
     if near.len() < MIN_FRAMES {
         return None;
     }
-    let along = |value: fn(&BallCircle) -> f64| {
-        let points: Vec<(f64, f64)> = near.iter().map(|(t, c)| (*t, value(c))).collect();
-        line(&points, moves)
+    let degree = match moves {
+        true => Degree::Line,
+        false => Degree::Level,
     };
-    let (u, off_u, sigma_u) = along(|c| c.center.u)?;
-    let (v, off_v, sigma_v) = along(|c| c.center.v)?;
-    let (radius, off_radius, _) = along(|c| c.radius)?;
-    let scatter = off_u.max(off_v).max(off_radius);
-    (scatter <= SCATTER * radius).then_some(Steadied {
-        values: [u, v, radius],
+    let path = OutlineAtZero::fit(&near, [degree; 2], &REWEIGHTING)?;
+    let [of_u, of_v, of_radius] = path.scatters.map(|scatter| SIGMA_PER_MAD * scatter);
+    let scatter = of_u.max(of_v).max(of_radius);
+    let [u, v] = path.variances.map(f64::sqrt);
+    (scatter <= SCATTER * path.circle.radius).then_some(Steadied {
+        circle: path.circle,
         scatter,
-        sigma_px: sigma_u.max(sigma_v),
+        sigma_px: (of_u * u).max(of_v * v),
     })
-}
-
-/// The value at 0 of a line through points, of a level one where nothing `moves`; how far they scatter, and the value's standard deviation.
-fn line(points: &[(f64, f64)], moves: bool) -> Option<(f64, f64, f64)> {
-    let mut values: Vec<f64> = points.iter().map(|p| p.1).collect();
-    let (mut at, mut slope) = (median(&mut values), 0.0);
-    let (mut scatter, mut sigma) = (0.0, 0.0);
-    for _ in 0..FITS {
-        let off = |p: &(f64, f64)| p.1 - at - slope * p.0;
-        let mut offs: Vec<f64> = points.iter().map(|p| off(p).abs()).collect();
-        scatter = SIGMA_PER_MAD * median(&mut offs);
-        let limit = REACH * scatter.max(1e-3);
-        let (mut n, mut t, mut tt, mut x, mut tx) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for point in points {
-            let weight = biweight(off(point) / limit);
-            let time = if moves { point.0 } else { 0.0 };
-            n += weight;
-            t += weight * time;
-            tt += weight * time * time;
-            x += weight * point.1;
-            tx += weight * time * point.1;
-        }
-        if !moves {
-            tt = 1.0;
-        }
-        let determinant = n * tt - t * t;
-        if determinant < 1e-9 {
-            return None;
-        }
-        at = (tt * x - t * tx) / determinant;
-        slope = (n * tx - t * x) / determinant;
-        sigma = scatter * (tt / determinant).sqrt();
-    }
-    Some((at, scatter, sigma))
 }
 
 #[cfg(test)]

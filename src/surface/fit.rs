@@ -14,9 +14,9 @@ use nalgebra::Matrix3;
 
 use super::face::Face;
 use super::laid::{ALIGNED, Laid};
-use super::surface::{Grid, PLACES, Surface};
+use super::surface_map::{Grid, PLACES, SurfaceMap};
+use crate::fit::{Sums, biweight, weighted_sigma};
 use crate::geometry::{Rotation, Vec3};
-use crate::stats::{biweight, weighted_sigma};
 
 /// Steps of a fit, and the step, radians, at which it ends.
 const FIT_STEPS: usize = 20;
@@ -34,7 +34,7 @@ pub(crate) const MAX_STEP: f64 = 0.15;
 
 /// A visible place.
 #[derive(Debug)]
-struct Seen {
+struct VisiblePlace {
     turn: Vec3,
     residual: f64,
     depth: f64,
@@ -43,7 +43,7 @@ struct Seen {
 /// Room for fits.
 #[derive(Debug, Default)]
 pub(crate) struct FitSpace {
-    seen: Vec<Seen>,
+    seen: Vec<VisiblePlace>,
     sizes: Vec<[f64; 2]>,
 }
 
@@ -52,7 +52,7 @@ impl FitSpace {
     pub fn lay(
         &mut self,
         grid: &Grid,
-        surface: &Surface,
+        surface: &SurfaceMap,
         face: &Face,
         start: &Rotation,
     ) -> Option<Laid> {
@@ -84,7 +84,7 @@ impl FitSpace {
     }
 
     /// The steep visible places, and the standard deviation of their residuals.
-    fn see(&mut self, grid: &Grid, surface: &Surface, face: &Face, rotation: &Rotation) -> f64 {
+    fn see(&mut self, grid: &Grid, surface: &SurfaceMap, face: &Face, rotation: &Rotation) -> f64 {
         self.seen.clear();
         self.sizes.clear();
         let to_view = rotation.to_rotation_matrix();
@@ -98,7 +98,7 @@ impl FitSpace {
             let turn = Vec3::from(surface.turns[place].map(f64::from));
             let residual = face.at(&at) - f64::from(surface.values[place]);
             self.sizes.push([residual.abs(), turn.norm_squared()]);
-            self.seen.push(Seen {
+            self.seen.push(VisiblePlace {
                 turn,
                 residual,
                 depth,
@@ -108,23 +108,24 @@ impl FitSpace {
     }
 
     fn equations(&self, sigma: f64) -> (Matrix3<f64>, Vec3) {
-        let mut matrix = Matrix3::identity() * 1e-9;
-        let mut vector = Vec3::zeros();
+        let mut sums = Sums::<3>::default();
         for seen in &self.seen {
             let weight = seen.depth * biweight(seen.residual / (REACH * sigma));
             if weight > 0.0 {
-                matrix.ger(weight, &seen.turn, &seen.turn, 1.0);
-                vector.axpy(weight * seen.residual, &seen.turn, 1.0);
+                sums.add(seen.turn.as_ref(), seen.residual, weight);
             }
         }
-        (matrix, vector)
+        (
+            sums.symmetric() + Matrix3::identity() * 1e-9,
+            sums.gradient.into(),
+        )
     }
 }
 
 /// The correlation of a face with the surface under a rotation, places weighted by their depths; `None` where too little of what is visible is known.
 pub(crate) fn agreement(
     grid: &Grid,
-    surface: &Surface,
+    surface: &SurfaceMap,
     face: &Face,
     rotation: &Rotation,
 ) -> Option<f64> {

@@ -1,20 +1,19 @@
 //! What is dark on the surface of a ball, place by place, by all frames of a clip.
 //!
-//! The frames that the detections placed make the first map; those that showed too few dots are then laid on it by their pixels, and all make
-//! the next ([`PaintMapper`]). Fingers, which are larger than dots, are then left out where other views show what is beneath them.
+//! By a clip that is laid out ([`PaintMapper`](super::PaintMapper)): how much darker each place is than the ball about it. Fingers, which are larger than
+//! marks, are left out where other views show what is beneath them.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
-use super::map::{Map, Placed};
+use super::mapper::MappedClip;
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 use crate::stats::{SIGMA_PER_MAD, median};
-use crate::vision::painted::{MappedClip, MappedFrame, PaintMapper, PaintedFrame};
 
 type Tree = ImmutableKdTree<f64, 3>;
 
 /// Fewer views of a place may be of a finger.
-pub(super) const SHOWN: usize = 2;
+const SHOWN: usize = 2;
 /// Places so near, radians, are averaged.
 const NEIGHBORS: f64 = 0.03;
 /// The bare ball about a place: this share of the places so near, radians, is no brighter.
@@ -28,9 +27,9 @@ const WHOLE: f64 = 0.9;
 /// Of the places about one, every so many-th is looked at.
 const STRIDE: usize = 3;
 
-/// The ball's surface, in the map's frame.
-pub(super) struct Surface {
-    pub places: Vec<Place>,
+/// How dark a ball's surface is, in the frame that the clip is laid out in.
+pub(crate) struct Darkness {
+    pub places: Vec<SurfacePlace>,
     /// Standard deviation of a place's darkness.
     pub noise: f32,
     /// The darkness of the bare ball, which is no more than its noise.
@@ -39,9 +38,10 @@ pub(super) struct Surface {
     clip: MappedClip,
 }
 
-/// A place of the surface.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+/// A place of a ball's surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SurfacePlace {
+    /// Where it is.
     pub direction: Vec3,
     /// How much darker it is than the ball about it, over the bare ball's brightness; 0 where it is brighter or not seen.
     pub darkness: f32,
@@ -51,45 +51,19 @@ pub(super) struct Place {
     pub steady: f32,
 }
 
-impl Surface {
-    /// By the frames of a map, which it places anew. `shown` is what the frames of the map's estimates show.
+impl SurfacePlace {
+    /// Whether enough views show it.
+    pub fn is_shown(&self) -> bool {
+        self.views >= SHOWN
+    }
+}
+
+impl Darkness {
+    /// Of a clip.
     ///
     /// # Errors
     /// [`Error::Argument`] where no search tree can be made.
-    pub fn new(map: &mut Map<'_>, shown: &[PaintedFrame]) -> Result<Self> {
-        let mut frames: Vec<MappedFrame<'_>> = (map.frames.iter().zip(&map.placed))
-            .map(|(seen, placed)| MappedFrame {
-                paint: &shown[seen.index],
-                view: seen.view(),
-                rotation: placed.as_ref().map(|p| seen.to_view() * p.rotation),
-            })
-            .collect();
-        let clip = PaintMapper::default().lay_out(&mut frames);
-        for ((seen, placed), frame) in map.frames.iter().zip(&mut map.placed).zip(&frames) {
-            *placed = frame.rotation.map(|rotation| Placed {
-                rotation: seen.to_view().inverse() * rotation,
-                names: vec![None; seen.dots.len()],
-            });
-        }
-        map.rename();
-        Self::of(clip)
-    }
-
-    /// The same without what is so dark and larger than a disc of so many radians, in views of places that others show without it.
-    ///
-    /// # Errors
-    /// [`Error::Argument`] where no search tree can be made.
-    pub fn uncovered(mut self, darkness: f64, radius: f64) -> Result<Self> {
-        self.clip.find_cover(darkness, radius);
-        Self::of(self.clip)
-    }
-
-    /// Whether something hides the ball in a frame of the map, at a direction of its view frame.
-    pub fn is_covered(&self, frame: usize, direction: &Vec3) -> bool {
-        self.clip.is_covered(frame, direction)
-    }
-
-    fn of(clip: MappedClip) -> Result<Self> {
+    pub fn of(clip: MappedClip) -> Result<Self> {
         let map = clip.map();
         let (directions, views) = (map.directions(), map.views());
         let points: Vec<[f64; 3]> = directions.iter().map(|d| [d.x, d.y, d.z]).collect();
@@ -113,7 +87,7 @@ impl Surface {
             .collect();
         let mut around = Vec::new();
         let mut place = |k: usize| {
-            let mut place = Place {
+            let mut place = SurfacePlace {
                 direction: directions[k],
                 darkness: 0.0,
                 views: views[k] as usize,
@@ -134,7 +108,7 @@ impl Surface {
             }
             place
         };
-        let places: Vec<Place> = (0..directions.len()).map(&mut place).collect();
+        let places: Vec<SurfacePlace> = (0..directions.len()).map(&mut place).collect();
         let mut darkness: Vec<f64> = seen().map(|k| f64::from(places[k].darkness)).collect();
         Ok(Self {
             floor: median(&mut darkness) as f32,
@@ -145,9 +119,23 @@ impl Surface {
         })
     }
 
+    /// The same without what is so dark and larger than a disc of so many radians, in views of places that others show without it.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where no search tree can be made.
+    pub fn uncovered(mut self, darkness: f64, radius: f64) -> Result<Self> {
+        self.clip.find_cover(darkness, radius);
+        Self::of(self.clip)
+    }
+
+    /// Whether something hides the ball in a frame of the map, at a direction of its view frame.
+    pub fn is_covered(&self, frame: usize, direction: &Vec3) -> bool {
+        self.clip.is_covered(frame, direction)
+    }
+
     /// Share of the surface that the frames show.
     pub fn shown(&self) -> f64 {
-        let shown = self.places.iter().filter(|p| p.views >= SHOWN).count();
+        let shown = self.places.iter().filter(|p| p.is_shown()).count();
         shown as f64 / self.places.len() as f64
     }
 
@@ -209,14 +197,14 @@ impl Surface {
 
     /// Share of the surface about which no view shows anything as near as `within`, radians.
     pub fn unseen(&self, within: f64) -> f64 {
-        let is_unseen = |place: &&Place| {
+        let is_unseen = |place: &&SurfacePlace| {
             let mut seen = false;
             self.near(&place.direction, within, |k| {
-                seen |= self.places[k].views >= SHOWN
+                seen |= self.places[k].is_shown()
             });
             !seen
         };
-        let unseen = self.places.iter().filter(|p| p.views < SHOWN);
+        let unseen = self.places.iter().filter(|p| !p.is_shown());
         unseen.filter(is_unseen).count() as f64 / self.places.len() as f64
     }
 }

@@ -1,0 +1,86 @@
+//! What a residual counts for.
+
+use crate::stats::SIGMA_PER_MAD;
+
+/// Student's distribution of residuals: errors with heavy tails (K. Lange et al., "Robust statistical modeling using the t distribution",
+/// JASA 84, 1989).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Student {
+    degrees: f64,
+    dimension: f64,
+}
+
+impl Student {
+    /// With so many degrees of freedom, of residuals of so many dimensions.
+    pub const fn new(degrees: u32, dimension: u32) -> Self {
+        Self {
+            degrees: degrees as f64,
+            dimension: dimension as f64,
+        }
+    }
+
+    /// The weight of a residual by the square of its length, in standard deviations.
+    pub fn weight(&self, square: f64) -> f64 {
+        (self.degrees + self.dimension) / (self.degrees + square)
+    }
+
+    /// Minus two logarithms of a residual's likelihood over that of none.
+    pub fn cost(&self, square: f64) -> f64 {
+        (self.degrees + self.dimension) * (1.0 + square / self.degrees).ln()
+    }
+
+    /// The information of a residual over what its weight says, on average (Lange et al., Appendix B).
+    pub const fn information(&self) -> f64 {
+        (self.degrees + self.dimension) / (self.degrees + self.dimension + 2.0)
+    }
+}
+
+/// Tukey's biweight of a residual over its reach: 1 for none, 0 from the reach on.
+pub(crate) fn biweight(over_reach: f64) -> f64 {
+    (1.0 - over_reach * over_reach).max(0.0).powi(2)
+}
+
+/// The standard deviation of normal residuals by the median of their sizes, each counted by its weight: `[size, weight]`. 0 for none. Reorders
+/// its input.
+pub(crate) fn weighted_sigma(sizes: &mut [[f64; 2]]) -> f64 {
+    sizes.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
+    let half = 0.5 * sizes.iter().map(|s| s[1]).sum::<f64>();
+    let mut below = 0.0;
+    let middle = sizes.iter().find(|[_, weight]| {
+        below += weight;
+        below >= half
+    });
+    SIGMA_PER_MAD * middle.map_or(0.0, |m| m[0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_weight_is_the_slope_of_its_cost() {
+        let loss = Student::new(5, 2);
+        for square in [0.0, 0.7, 4.0, 90.0] {
+            let step = 1e-6;
+            let slope = (loss.cost(square + step) - loss.cost(square)) / step;
+            assert!((slope - loss.weight(square)).abs() < 1e-6, "{square}");
+        }
+    }
+
+    /// By the integral over the distribution itself, in one dimension: `E (d ln p / de)^2`.
+    #[test]
+    fn the_information_is_that_of_the_distribution() {
+        let loss = Student::new(4, 1);
+        let (mut all, mut information, mut weights) = (0.0, 0.0, 0.0);
+        for k in -200_000..200_000 {
+            let e = 1e-3 * (f64::from(k) + 0.5);
+            let density = (-0.5 * loss.cost(e * e)).exp();
+            all += density;
+            information += density * (loss.weight(e * e) * e).powi(2);
+            weights += density * loss.weight(e * e);
+        }
+        assert!((weights / all - 1.0).abs() < 1e-3, "{}", weights / all);
+        let expected = loss.information();
+        assert!((information / all - expected).abs() < 1e-3, "{expected}");
+    }
+}

@@ -1,0 +1,123 @@
+//! A polynomial through values in time, some of which are far off.
+//!
+//! Least squares, reweighted with Tukey's [`biweight`](super::biweight) of the residuals over so many of their median deviations (P. J. Huber, "Robust
+//! Statistics", 1981). Wanted is the value at time 0.
+
+use nalgebra::SVector;
+
+use super::{Sums, biweight};
+use crate::stats::median;
+
+/// How a polynomial is fitted.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reweighting {
+    /// Fits at all.
+    pub fits: usize,
+    /// Values farther off do not count, in median deviations.
+    pub reach: f64,
+    /// No median deviation counts for less.
+    pub least: f64,
+    /// Whether the first fit leaves out what is far from the median of all values.
+    pub starts_level: bool,
+}
+
+/// A polynomial at time 0.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ValueAtZero {
+    pub value: f64,
+    /// The median deviation of the values from the polynomial.
+    pub scatter: f64,
+    /// Variance of the value over that of one of those that it is fitted to.
+    pub variance: f64,
+}
+
+impl Reweighting {
+    /// The value at time 0 of the polynomial of `N` coefficients through `(t, y)`; `None` where these do not fix it.
+    pub fn value_at_zero<const N: usize>(&self, points: &[(f64, f64)]) -> Option<ValueAtZero> {
+        let mut deviations = Vec::with_capacity(points.len());
+        // What a value counts for, by how far those of all are off.
+        let mut weigh = |off: &dyn Fn(&(f64, f64)) -> f64, weights: &mut Vec<f64>| {
+            deviations.clear();
+            deviations.extend(points.iter().map(|p| off(p).abs()));
+            let (_, scatter, _) =
+                deviations.select_nth_unstable_by(points.len() / 2, f64::total_cmp);
+            let scatter = *scatter;
+            let reach = self.reach * scatter.max(self.least);
+            weights.clear();
+            weights.extend(points.iter().map(|p| biweight(off(p) / reach)));
+            scatter
+        };
+        if points.is_empty() {
+            return None;
+        }
+        let mut weights = vec![1.0; points.len()];
+        if self.starts_level {
+            let mut values: Vec<f64> = points.iter().map(|p| p.1).collect();
+            let middle = median(&mut values);
+            weigh(&|p| p.1 - middle, &mut weights);
+        }
+        let mut found = None;
+        for _ in 0..self.fits {
+            let mut sums = Sums::<N>::default();
+            for ((t, y), weight) in points.iter().zip(&weights) {
+                sums.add(&powers(*t), *y, *weight);
+            }
+            let factor = sums.symmetric().cholesky()?;
+            let by_power = factor.solve(&SVector::from(sums.gradient));
+            let at = |t: f64| {
+                powers::<N>(t)
+                    .iter()
+                    .zip(by_power.iter())
+                    .map(|(p, c)| p * c)
+                    .sum::<f64>()
+            };
+            let scatter = weigh(&|p| p.1 - at(p.0), &mut weights);
+            found = Some(ValueAtZero {
+                value: by_power[0],
+                scatter,
+                variance: factor.inverse()[(0, 0)],
+            });
+        }
+        found
+    }
+}
+
+/// 1, t, t^2, ...
+fn powers<const N: usize>(t: f64) -> [f64; N] {
+    let mut power = 1.0;
+    std::array::from_fn(|_| {
+        let this = power;
+        power *= t;
+        this
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_is_that_of_most_points() {
+        let even = Reweighting {
+            fits: 6,
+            reach: 7.0,
+            least: 0.1,
+            starts_level: false,
+        };
+        let points: Vec<(f64, f64)> = (-6..7)
+            .filter(|k| *k != 0)
+            .map(|k| {
+                (
+                    f64::from(k),
+                    3.0 + 0.5 * f64::from(k * k) + if k == 4 { 40.0 } else { 0.0 },
+                )
+            })
+            .collect();
+        let found = even.value_at_zero::<3>(&points).expect("a value");
+        assert!((found.value - 3.0).abs() < 1e-9, "{found:?}");
+        // A line does not bend, and scatters.
+        let line = even.value_at_zero::<2>(&points).expect("a value");
+        assert!(line.scatter > 1.0, "{line:?}");
+        assert!(even.value_at_zero::<3>(&points[..2]).is_none());
+    }
+}
