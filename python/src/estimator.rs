@@ -162,13 +162,7 @@ fn camera_model(kind: &str, numbers: &[f64]) -> PyResult<CameraModel> {
             sigma,
         })),
         ("parallel", []) => Ok(CameraModel::Known(Camera::Orthographic)),
-        ("distance", &[distance]) if distance > 1.0 => Ok(CameraModel::Known(Camera::Near {
-            inverse_distance: 1.0 / distance,
-        })),
-        ("distance", &[distance]) => {
-            let problem = format!("expected more than 1 ball radius, found {distance}");
-            Err(value_error("distance_radii", problem))
-        }
+        ("distance", &[distance]) => CameraModel::at_distance(distance).or_raise(),
         ("pinhole" | "fisheye", _) => {
             let intrinsics = intrinsics(kind, numbers)?;
             Ok(CameraModel::Known(Camera::Perspective(intrinsics)))
@@ -734,9 +728,15 @@ pub struct BallView(spindoe::vision::BallView);
 impl BallView {
     #[new]
     fn new(camera: (String, Vec<f64>), circle: [f64; 3]) -> PyResult<Self> {
-        let CameraModel::Known(camera) = camera_model(&camera.0, &camera.1)? else {
-            let problem = "expected one whose distance or intrinsics are known";
-            return Err(value_error("camera", problem));
+        let camera = match camera_model(&camera.0, &camera.1)? {
+            CameraModel::Known(known) => known,
+            CameraModel::Unknown(at) if camera.0 == "distance" => Camera::Near {
+                inverse_distance: at.inverse_distance,
+            },
+            CameraModel::Unknown(_) => {
+                let problem = "expected one whose distance or intrinsics are known";
+                return Err(value_error("camera", problem));
+            }
         };
         let Some(outline) = outline(Some(circle))? else {
             return Err(value_error("circle", "expected one"));

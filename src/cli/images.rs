@@ -163,13 +163,7 @@ impl ImageArguments {
         }
         match (&self.intrinsics, self.camera_distance_radii) {
             (None, None) => Ok(CameraModel::default()),
-            (None, Some(distance)) if distance > 1.0 => Ok(CameraModel::Known(Camera::Near {
-                inverse_distance: 1.0 / distance,
-            })),
-            (None, Some(distance)) => {
-                let problem = format!("expected more than 1 ball radius, found {distance}");
-                Err(Error::argument("camera_distance_radii", problem))
-            }
+            (None, Some(distance)) => CameraModel::at_distance(distance),
             (Some(text), _) => {
                 let intrinsics = match numbers(text) {
                     Some(numbers) => Intrinsics::from_numbers(&numbers)?,

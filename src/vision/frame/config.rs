@@ -10,6 +10,11 @@ use crate::vision::optics::camera::{BallView, Camera};
 use crate::vision::outline::circle::CircleConfig;
 use crate::vision::pose::trust::TrustMap;
 
+/// Standard deviation of a distance that was measured, over the distance.
+const MEASURED: f64 = 0.03;
+/// And at least: no picture shows less.
+const LEAST_SIGMA: f64 = 1e-4;
+
 /// How far the camera is: what is known before the dots are seen, or estimated from them.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CameraDistance {
@@ -41,6 +46,25 @@ pub enum CameraModel {
 impl CameraModel {
     /// The largest inverse distance that an estimate may have: the ball fills 35 degrees of the view.
     pub(crate) const MAX_INVERSE_DISTANCE: f64 = 0.3;
+
+    /// A camera that is so many ball radii away from the ball's center, measured to some 3 %, and whose axis is not known;
+    /// parallel rays for infinity.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a distance of less than 10/3 radii, where the ball would fill more than 35 degrees of the view.
+    pub fn at_distance(radii: f64) -> Result<Self> {
+        if radii == f64::INFINITY {
+            return Ok(Self::Known(Camera::Orthographic));
+        }
+        let inverse_distance = 1.0 / radii;
+        let inside = inverse_distance > 0.0 && inverse_distance <= Self::MAX_INVERSE_DISTANCE;
+        let domain = "more than 3.3 ball radii";
+        require(inside, "camera_distance_radii", domain, radii)?;
+        Ok(Self::Unknown(CameraDistance {
+            inverse_distance,
+            sigma: (MEASURED * inverse_distance).max(LEAST_SIGMA),
+        }))
+    }
 
     /// Whether orientations are in the view frame, since the intrinsics are unknown.
     pub fn is_view(&self) -> bool {
