@@ -247,7 +247,7 @@ fn numbers(text: &str) -> Option<Vec<f64>> {
 }
 
 /// Columns and rows of the first frame of these inputs; `None` where it cannot be read, which is said of it later.
-fn first_size(inputs: &[PathBuf], max_pixels: u64) -> Option<[usize; 2]> {
+pub(super) fn first_size(inputs: &[PathBuf], max_pixels: u64) -> Option<[usize; 2]> {
     // Of a pipe it would be lost.
     let is_lasting = |path: &PathBuf| path.is_file() || path.is_dir();
     if !inputs.iter().all(is_lasting) {

@@ -25,12 +25,15 @@
 //!   share, does to the row's orientation ([`ViewTurn`]);
 //! - `ball`, of frames with several balls: the number of the ball, one of which is read; `table`, where there were several: that of the
 //!   ball; `flash`, of exposures with several flashes, whose rows are images of one ball: rows without a flash are none of them and are passed over, and of several exposures whose times
-//!   do not follow each other one is read.
+//!   do not follow each other one is read;
+//! - `cameras`, of a rig's frames: how many cameras' orientations the row's is of.
+//!
+//! Rows of equal times are measurements of one orientation, as several cameras that are not fused give them.
 //!
 //! [`OrientationReader`] yields row after row from any input, in memory that does not grow with the
 //! file; [`OrientationWriter`] writes them likewise.
 //!
-//! Guarantees: what is read has finite numbers, unit quaternions and increasing times; everything
+//! Guarantees: what is read has finite numbers, unit quaternions and times that do not decrease (equal ones are of one orientation); everything
 //! else is rejected with the line at fault.
 
 use std::io::{BufRead, Write};
@@ -61,7 +64,7 @@ const LEAST_OWN: f64 = 0.5;
 const RESIDUAL_PRIOR_DOTS: f64 = 4.0;
 
 /// Number of columns.
-const COUNT: usize = 41;
+const COUNT: usize = 42;
 /// The columns, in the order in which they are written.
 static COLUMNS: Columns<COUNT> = Columns {
     names: [
@@ -106,6 +109,7 @@ static COLUMNS: Columns<COUNT> = Columns {
         "ball",
         "table",
         "flash",
+        "cameras",
     ],
     // The time and the quaternion.
     required: 1..6,
@@ -124,6 +128,8 @@ const FRAME: usize = 0;
 const BALL: usize = 38;
 const TABLE: usize = 39;
 const FLASH: usize = 40;
+/// How many cameras a row is of, of files with several.
+const CAMERAS: usize = 41;
 /// The same where the times come from elsewhere: only the quaternion is needed.
 static UNTIMED: Columns<COUNT> = Columns {
     names: COLUMNS.names,
@@ -161,6 +167,8 @@ pub struct OrientationRow {
     pub table: Option<String>,
     /// The number of the flash that lit it, of exposures with several.
     pub flash: Option<usize>,
+    /// How many cameras' orientations it is of, of a rig.
+    pub cameras: Option<usize>,
 }
 
 impl Default for OrientationRow {
@@ -180,6 +188,7 @@ impl Default for OrientationRow {
             ball: None,
             table: None,
             flash: None,
+            cameras: None,
         }
     }
 }
@@ -216,12 +225,19 @@ pub struct BallColumns {
     pub table: bool,
     /// The numbers of the flashes.
     pub flash: bool,
+    /// How many cameras a row is of.
+    pub cameras: bool,
 }
 
 impl BallColumns {
     /// Those that are written, by their places among all columns.
     fn written(self) -> impl Iterator<Item = usize> {
-        let all = [(self.ball, BALL), (self.table, TABLE), (self.flash, FLASH)];
+        let all = [
+            (self.ball, BALL),
+            (self.table, TABLE),
+            (self.flash, FLASH),
+            (self.cameras, CAMERAS),
+        ];
         all.into_iter()
             .filter_map(|(is_written, at)| is_written.then_some(at))
     }
@@ -275,6 +291,7 @@ impl Orientations {
                 ball: reader.table.has(BALL),
                 table: reader.table.has(TABLE),
                 flash: reader.table.has(FLASH),
+                cameras: reader.table.has(CAMERAS),
             },
         })
     }
@@ -534,9 +551,17 @@ impl<R: BufRead> OrientationReader<R> {
             }
             self.camera_frame = frame;
             self.count += 1;
-            if self.time_s >= parsed.time_s {
+            // Rows of equal times are of several cameras, but not those of an exposure's flashes.
+            let is_before =
+                parsed.time_s < self.time_s || self.of_flashes && parsed.time_s == self.time_s;
+            if is_before {
+                let order = if self.of_flashes {
+                    "later"
+                } else {
+                    "not earlier"
+                };
                 let problem = format!(
-                    "expected a time later than the {} s before it, found {} s",
+                    "expected a time {order} than the {} s before it, found {} s",
                     self.time_s, parsed.time_s
                 );
                 return Err(match self.exposure.take() {
@@ -657,7 +682,8 @@ impl<W: Write> OrientationWriter<W> {
             match column {
                 BALL => optional(&mut self.to, row.ball)?,
                 TABLE => optional(&mut self.to, row.table.as_deref().map(quoted))?,
-                _ => optional(&mut self.to, row.flash)?,
+                FLASH => optional(&mut self.to, row.flash)?,
+                _ => optional(&mut self.to, row.cameras)?,
             }
         }
         self.to.write_all(b"\n")
@@ -747,6 +773,7 @@ fn parse(row: &TableRow<'_, COUNT>, time_s: Option<f64>) -> Field<OrientationRow
         ball: row.count(BALL)?,
         table: row.text(TABLE).map(str::to_owned),
         flash: row.count(FLASH)?,
+        cameras: row.count(CAMERAS)?,
     })
 }
 

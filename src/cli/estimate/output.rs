@@ -166,7 +166,17 @@ impl<'a> Report<'a> {
         batch: &'a Batch<Picture>,
         evidence: &Evidence<'_>,
     ) -> Self {
-        let orientations = file_of(frame, batch);
+        Self::of_rows(arguments, frame, batch, evidence, file_of(frame, batch))
+    }
+
+    /// That of a batch whose orientations are these.
+    pub fn of_rows(
+        arguments: &'a Arguments,
+        frame: CameraFrame,
+        batch: &'a Batch<Picture>,
+        evidence: &Evidence<'_>,
+        orientations: Orientations,
+    ) -> Self {
         let spin = spin(arguments, batch, &orientations, evidence);
         let found = spin.as_ref().and_then(|spin| spin.as_ref().ok());
         let smeared = evidence.smears.map(|smears| Smeared {

@@ -262,6 +262,7 @@ impl<'a> Report<'a> {
             rows: rows.collect(),
             camera_frame: Some(self.shown_in),
             columns: BallColumns {
+                cameras: false,
                 ball: true,
                 table: self.asked.table.len() > 1,
                 flash: !self.strobes.is_empty(),
