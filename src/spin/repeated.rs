@@ -72,11 +72,6 @@ impl<'a> Merged<'a> {
         !self.first.is_empty()
     }
 
-    /// The first of those given that a measurement is made of.
-    pub fn first(&self, k: usize) -> usize {
-        self.first.get(k).copied().unwrap_or(k)
-    }
-
     /// Those given that the measurements of a range are made of.
     pub fn given(&self, range: &Range<usize>) -> Range<usize> {
         let bound = |k: usize| match self.is_changed() {
@@ -160,7 +155,6 @@ mod tests {
         assert!(both.confidence > 0.99, "{}", both.confidence);
         assert_eq!(merged.given(&(1..2)), 1..3);
         assert_eq!(merged.spread(&[7, 8, 9]), [7, 8, 8, 9]);
-        assert_eq!(merged.first(2), 3);
     }
 
     #[test]
@@ -182,6 +176,6 @@ mod tests {
         let given = [at(0.0, 0.0, 0.9), at(1.0, 0.1, 0.9)];
         let merged = Merged::of(&given, 0.01);
         assert!(matches!(merged.measurements, Cow::Borrowed(_)) && !merged.is_changed());
-        assert_eq!((merged.given(&(0..2)), merged.first(1)), (0..2, 1));
+        assert_eq!(merged.given(&(0..2)), 0..2);
     }
 }

@@ -53,7 +53,7 @@ pub struct Arguments {
     /// File of orientations [default: standard output].
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
     pub(super) output: Option<PathBuf>,
-    /// Cameras that see one ball, a file of their intrinsics and where they stand: OpenCV's of `stereoCalibrate` (K1, D1, K2, D2, R, T), Kalibr's
+    /// Clips of several cameras, by their rig's file: their intrinsics and where they stand, as OpenCV's of `stereoCalibrate` (K1, D1, K2, D2, R, T), Kalibr's
     /// camchain, or a transform of each as ROS' tf has it. The inputs are then one folder or video for each camera, in the file's order. Frames of
     /// one time are one measurement, in the first camera's frame.
     #[arg(long, value_name = "RIG.yaml", conflicts_with_all = ONE_CAMERA)]

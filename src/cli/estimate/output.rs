@@ -25,7 +25,7 @@ use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::vision::frame::outline::OutlineSource;
-use crate::vision::{FrameEstimate, OffCenter};
+use crate::vision::{FrameEstimate, FrameRejection, OffCenter};
 
 /// Fields of view along the longer side for which a cost is named, degrees: that of a 25 mm lens before a sensor of half an inch,
 /// and that of a phone.
@@ -372,6 +372,10 @@ impl<'a> Report<'a> {
                 continue;
             }
             let (name, frame) = (&shown.name, shown.estimate());
+            // Of cameras that contradict each other no frame has an answer, which is said once.
+            if frame.outcome == Err(FrameRejection::CamerasContradict) {
+                continue;
+            }
             let several = frame.fit.is_some_and(|f| f.rivals > 0);
             if frame.pose().is_none() || several {
                 errln!("{name}: {}", words(frame));

@@ -108,7 +108,7 @@ pub struct Arguments {
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "PATTERN", conflicts_with = "strobe_ms")]
     also: Vec<PathBuf>,
-    /// The cameras of a rig, as `estimate --rig` reads them: a folder of the same ball for each, and the rig's file beside them.
+    /// Cameras of a rig, by its file: as `estimate --rig` reads it. Each has a folder of the same ball, and the rig's file lies beside them.
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "RIG.yaml", conflicts_with_all = ["also", "strobe_ms", "image_size", "mirrored", "readout_ms", "drift_px"])]
     rig: Option<PathBuf>,
@@ -141,7 +141,7 @@ pub struct Arguments {
     ranges: images::Ranges,
     #[command(flatten)]
     scenario: orientations::ScenarioArguments,
-    /// Print the truth as one JSON object instead of words.
+    /// Print one JSON object instead: the truth.
     #[arg(long)]
     json: bool,
 }
