@@ -23,11 +23,11 @@ use crate::geometry::{Rotation, Vec3};
 use crate::stats::median;
 
 /// Turns and places below these are those of calibrations: they are counted as errors. Beyond they are wrong.
-const MAX_TURN_RAD: f64 = 1.5 * std::f64::consts::PI / 180.0;
+const MAX_TURN_RAD: f64 = 3.0 * std::f64::consts::PI / 180.0;
 /// Turns about the spin's axis that are a calibration's as likely as a clock's.
 const SMALL_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// As a part of the distance.
-const MAX_GAP: f64 = 0.04;
+const MAX_GAP: f64 = 0.05;
 /// Standard deviations beyond which something is not chance.
 const EVIDENT: f64 = 4.0;
 /// Orientations that are candidates for what all have in common.
@@ -38,8 +38,12 @@ const NEAR_RAD: f64 = 0.03;
 const MIN_SHARE: f64 = 0.5;
 /// Frames of both that it takes to say anything of a whole clip.
 const MIN_PAIRS: usize = 3;
-/// From so many on their differences say how large their errors are.
-const MIN_SCALED: usize = 8;
+/// A ball that turns by this angle shows other dots: frames within it have their errors alike, of dots that are off their places.
+const ANOTHER_VIEW_RAD: f64 = 1.0;
+/// How much larger errors are than stated before any clip shows it, as a ratio of variances, and the frames that this is worth: centers and
+/// orientations of rendered balls are off by 1.1 to 1.4 times as much in good conditions, by 2.5 in all (docs/measurements/position.md).
+const USUAL_RATIO: f64 = 2.0;
+const USUAL_FRAMES: f64 = 4.0;
 /// Whole turns of the ball that a delay may be off by, to either side.
 const MAX_TURNS: i64 = 400;
 /// Delays whose positions differ by less than this much chi-squared are not distinguished.
@@ -176,8 +180,8 @@ fn about(rotation: &Rotation, axis: &Vec3) -> (f64, Rotation) {
     (angle, rest)
 }
 
-/// What most of the differences have in common.
-fn common(differences: &[(Rotation, f64)]) -> Option<Common> {
+/// What most of the differences have in common, of a ball that has turned by this angle meanwhile.
+fn common(differences: &[(Rotation, f64)], turned_rad: f64) -> Option<Common> {
     let stride = differences.len().div_ceil(CANDIDATES).max(1);
     let near = |center: &Rotation, (rotation, variance): &(Rotation, f64)| {
         center.angle_to(rotation) < NEAR_RAD + EVIDENT * (2.0 * variance).sqrt()
@@ -198,7 +202,9 @@ fn common(differences: &[(Rotation, f64)]) -> Option<Common> {
         center = Rotation::from_scaled_axis(step) * center;
         let squares = within.iter().map(|(r, _)| r.angle_to(&center).powi(2));
         let scattered = squares.sum::<f64>() / 3.0 / (compared.max(2) - 1) as f64;
-        std_rad = (scattered / compared.max(1) as f64).max(1.0 / total).sqrt();
+        let stated = compared as f64 / total;
+        let views = (1.0 + turned_rad / ANOTHER_VIEW_RAD).min(compared as f64);
+        std_rad = (scattered.max(stated) / views.max(1.0)).sqrt();
     }
     Some(Common {
         rotation: center,
@@ -271,7 +277,6 @@ fn apart(first: &Track, other: &Track, delay_s: f64) -> Option<Apart> {
         Some((own - place.center_m, variance, own.norm()))
     });
     let gaps: Vec<(Vec3, f64, f64)> = gaps.collect();
-    let n = gaps.len() as f64;
     if gaps.is_empty() {
         return None;
     }
@@ -280,7 +285,8 @@ fn apart(first: &Track, other: &Track, delay_s: f64) -> Option<Apart> {
         median(&mut values)
     };
     let mean_m = Vec3::new(middle(&|g| g.0.x), middle(&|g| g.0.y), middle(&|g| g.0.z));
-    let (std_m, distance_m) = ((middle(&|g| g.1) / n).sqrt(), middle(&|g| g.2));
+    // What an outline is off by is much alike in all frames.
+    let (std_m, distance_m) = (middle(&|g| g.1).sqrt(), middle(&|g| g.2));
     Some(Apart {
         mean_m,
         std_m,
@@ -316,7 +322,11 @@ fn delay_by_places(first: &Track, other: &Track, delay_s: f64, turn_s: f64) -> (
 
 /// How a camera agrees with the first one, by what each saw in the rig's frame; `None` where too little was seen by both.
 pub(super) fn compare(first: &Track, other: &Track) -> Option<Compared> {
-    let found = common(&differences(first, other))?;
+    let turned_rad = match (&first.fit, first.span_s()) {
+        (Some(fit), Some([from, to])) => fit.motion.spin.norm() * (to - from),
+        _ => 0.0,
+    };
+    let found = common(&differences(first, other), turned_rad)?;
     if found.compared < MIN_PAIRS {
         return None;
     }
@@ -427,9 +437,11 @@ fn factors(first: &Track, other: &Track, widening: &Widening) -> [f64; 2] {
             of_centers.extend(fuse(&both).map(|f| f.chi2));
         }
     }
-    let factor = |mut chi2: Vec<f64>| match chi2.len() >= MIN_SCALED {
-        true => (median(&mut chi2) / MEDIAN_3).sqrt().max(1.0),
-        false => 1.0,
+    let factor = |mut chi2: Vec<f64>| {
+        let count = chi2.len() as f64;
+        let seen = count * median(&mut chi2) / MEDIAN_3;
+        let ratio = (seen + USUAL_FRAMES * USUAL_RATIO) / (count + USUAL_FRAMES);
+        ratio.max(1.0).sqrt()
     };
     [factor(of_turns), factor(of_centers)]
 }

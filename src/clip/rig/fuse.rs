@@ -50,6 +50,7 @@ pub(super) struct Widening {
 }
 
 impl Default for Widening {
+    /// None.
     fn default() -> Self {
         Self {
             factors: [1.0; 2],

@@ -243,6 +243,17 @@ impl<'a> Assembly<'a> {
                 this.widenings[k] = compared.widening;
             }
         }
+        // What differs is of both: the first camera's errors are larger by what they are on average.
+        let all: Vec<[f64; 2]> = this
+            .compared
+            .iter()
+            .flatten()
+            .map(|c| c.widening.factors)
+            .collect();
+        if !all.is_empty() {
+            let mean = |at: usize| all.iter().map(|f| f[at]).sum::<f64>() / all.len() as f64;
+            this.widenings[0].factors = [mean(0), mean(1)];
+        }
         doubt::of_rig(&mut this, clips);
         this.tracks = this.tracks_of(clips);
         this
