@@ -182,6 +182,29 @@ pub fn median(values: &mut [f64]) -> f64 {
     }
 }
 
+/// The probability of an answer that several have given, independently, each right with its own probability: `agreeing` are those of the
+/// ones that gave it, `others` those of the ones that gave another one each, `chance` the probability that a wrong answer agrees with it
+/// by accident.
+///
+/// ```
+/// use spindoe::stats::consensus;
+///
+/// assert!((consensus(&[0.8], &[], 0.0) - 0.8).abs() < 1e-12);
+/// assert!(consensus(&[0.8, 0.8], &[], 1e-4) > 0.9999);
+/// // 0.8 x 0.2 that the first is right, as much that the second is, 0.2 x 0.2 that neither is.
+/// assert!((consensus(&[0.8], &[0.8], 1e-4) - 0.16 / 0.36).abs() < 1e-12);
+/// ```
+pub fn consensus(agreeing: &[f64], others: &[f64], chance: f64) -> f64 {
+    // Certain answers that disagree have odds all the same.
+    let doubt = |p: &f64| (1.0 - p).max(1e-12);
+    let accident = chance.powi(agreeing.len().saturating_sub(1) as i32);
+    let all = agreeing.iter().chain(others);
+    let none: f64 = accident * all.map(doubt).product::<f64>();
+    let right = agreeing.iter().product::<f64>() * others.iter().map(doubt).product::<f64>();
+    let another: f64 = others.iter().map(|p| none * p / doubt(p)).sum();
+    right / (right + another + none).max(f64::MIN_POSITIVE)
+}
+
 /// The probability that of trials which only one of two passes, where chance alone decides which, the other passes
 /// no more than `others` while the one passes `own` (the sign test; of paired rates McNemar's, exact).
 pub fn sign_test(own: u64, others: u64) -> f64 {

@@ -35,6 +35,7 @@ from ._recognize import (
     Rival,
 )
 from ._rerun import to_rerun
+from ._rig import Rig, RigCamera
 from ._sequence import SequenceEstimate
 from ._spin import Alias, Spin, SpinCurve, fit_spin
 from ._stencil import Stencil, StencilSettings
@@ -71,6 +72,8 @@ __all__ = [
     "Recognizer",
     "RecognizerSettings",
     "Rejection",
+    "Rig",
+    "RigCamera",
     "Rival",
     "SequenceEstimate",
     "Spin",

@@ -266,6 +266,46 @@ class Estimator:
         self, window: int, memory_s: float, max_rps: float, max_latency_s: float | None
     ) -> Tracker: ...
 
+_RigCamera = tuple[
+    str,
+    _Camera,
+    tuple[int, int] | None,
+    _Sequence[_Sequence[float]],
+    _Sequence[float],
+    float,
+]
+
+class Rig:
+    def __new__(
+        cls,
+        path: _Path | None,
+        cameras: _Sequence[_RigCamera],
+        table: HashTable,
+        detector: str,
+        weights: _Path | None,
+        settings: str,
+    ) -> Rig: ...
+    def cameras(self) -> tuple[list[_RigCamera], list[str]]: ...
+    def estimate_sequence(
+        self,
+        images: _Sequence[_Sequence[Any]],
+        color: str,
+        times_s: list[list[float]] | None,
+        independent: bool,
+        max_rps: float,
+        progress: Callable[[int, int], object] | None,
+    ) -> tuple[
+        list[_Frame],
+        int,
+        tuple[_Floats, _Floats, _Floats | None, str],
+        _Spin | str | None,
+        _Floats | None,
+        _Ints,
+        _Floats,
+        list[str],
+        list[str],
+    ]: ...
+
 _Ball = tuple[_Frame, int, list[float]]
 _Golf = tuple[list[float], float, list[float] | None, str]
 _Strobed = tuple[

@@ -51,6 +51,13 @@ class SequenceEstimate:
     """The frame of these orientations and of the spin."""
     times_s: Floats | None = None
     """Times of the frames, seconds, shape (frames,); None where there were none."""
+    cameras: Ints | None = None
+    """Of a rig: how many cameras' orientations each frame's is of, 0 where there is none; shape (frames,)."""
+    chi2: Floats | None = None
+    """Of a rig: by how much the cameras of each frame differ, chi2 for each degree of freedom, NaN where one camera or none has an
+    orientation; shape (frames,)."""
+    notes: tuple[str, ...] = ()
+    """Of a rig: how its cameras and their clocks agree."""
 
     @property
     def positions_m(self) -> Floats:
@@ -140,6 +147,10 @@ class SequenceEstimate:
             names = [f"{vector}_{axis}" for vector in ("turn", "sd1", "sd2", "sd3") for axis in "xyz"]
             columns |= {name: self.view_turns_rad[:, k] for k, name in enumerate(names)}
         columns |= {name: circles[:, k] for k, name in enumerate(("u_px", "v_px", "radius_px"))}
+        if self.cameras is not None:
+            columns["cameras"] = self.cameras
+        if self.chi2 is not None:
+            columns["chi2"] = self.chi2
         columns["hinted"] = [bool(f.pose and f.pose.hinted) for f in self.frames]
         columns["reason"] = ["" if f.pose else f.pose.reason for f in self.frames]
         table: pandas.DataFrame = library.DataFrame(columns, index=library.RangeIndex(count, name="frame"))
@@ -216,6 +227,8 @@ def _arrays(found: SequenceEstimate) -> dict[str, NDArray[Any]]:
         "quaternions_wxyz": found.quaternions_wxyz,
         "covariances_rad2": found.covariances_rad2,
         "view_turns_rad": found.view_turns_rad,
+        "cameras": found.cameras,
+        "chi2": found.chi2,
         "circles": _column((3,), [frame.circle for frame in frames]),
         "seconds": _column((3,), [frame.seconds for frame in frames]),
         **{name: _column(shape, [getattr(frame, name) for frame in frames]) for name, shape in _PLACES.items()},
@@ -253,6 +266,7 @@ def _arrays(found: SequenceEstimate) -> dict[str, NDArray[Any]]:
         "spindoe": __version__,
         "independent": found.independent,
         "frame": found.frame,
+        "notes": list(found.notes),
         "pose_frames": [pose and pose.frame for pose in poses],
         "reasons": [None if frame.pose else frame.pose.reason for frame in frames],
         "spin": spin,
@@ -342,4 +356,7 @@ def _sequence(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Se
         optional("view_turns_rad", count, 12),
         meta["frame"],
         optional("times_s", count),
+        cameras=get("cameras", count, dtype=np.int64) if "cameras" in arrays else None,
+        chi2=optional("chi2", count),
+        notes=tuple(meta.get("notes", ())),
     )

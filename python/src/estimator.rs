@@ -64,7 +64,7 @@ fn outline(given: Option<[f64; 3]>) -> PyResult<Option<OutlinePrior>> {
 }
 
 /// The intrinsics of a lens by kind and numbers: fx, fy, cx, cy, skew, and the distortion as OpenCV has it.
-fn intrinsics(kind: &str, numbers: &[f64]) -> PyResult<Intrinsics> {
+pub fn intrinsics(kind: &str, numbers: &[f64]) -> PyResult<Intrinsics> {
     let [fx, fy, cx, cy, skew, distortion @ ..] = numbers else {
         return Err(value_error("camera", "expected fx, fy, cx, cy and skew"));
     };
@@ -74,7 +74,7 @@ fn intrinsics(kind: &str, numbers: &[f64]) -> PyResult<Intrinsics> {
 }
 
 /// Kind and numbers, as [`intrinsics`] takes them.
-fn packed(k: &Intrinsics) -> (&'static str, Vec<f64>) {
+pub fn packed(k: &Intrinsics) -> (&'static str, Vec<f64>) {
     let mut numbers = vec![k.fx, k.fy, k.cx, k.cy, k.skew];
     let kind = match k.lens {
         Lens::Ideal => "pinhole",
@@ -187,6 +187,24 @@ pub struct Estimator {
 }
 
 impl Estimator {
+    /// That of a library's own.
+    pub fn of(inner: spindoe::Estimator, design: Option<DesignRecord>) -> Self {
+        Self {
+            inner: Arc::new(inner),
+            design,
+            slots: Mutex::new(Vec::new()),
+        }
+    }
+
+    /// The images of a sequence for [`Job::on_images`].
+    pub fn job(&self, images: &[Bound<'_, PyAny>], pixel: RawPixel) -> Job {
+        Job {
+            estimator: Arc::clone(&self.inner),
+            images: images.iter().map(|image| image.clone().unbind()).collect(),
+            pixel,
+        }
+    }
+
     /// The library's own.
     pub fn library(&self) -> &spindoe::Estimator {
         &self.inner
@@ -235,7 +253,7 @@ impl Estimator {
     }
 
     /// Estimates frames of one sequence in both passes; without times, in the first alone.
-    fn passes(
+    pub fn passes(
         &self,
         py: Python<'_>,
         images: &[Bound<'_, PyAny>],
@@ -252,11 +270,7 @@ impl Estimator {
             let name = format!("images[{k}]");
             Pixels::new(&name, image)?.samples(&name, pixel)?;
         }
-        let job = Job {
-            estimator: Arc::clone(&self.inner),
-            images: images.iter().map(|image| image.clone().unbind()).collect(),
-            pixel,
-        };
+        let job = self.job(images, pixel);
         let mut heard = progress.map(|heard| heard.clone().unbind());
         let (times_s, mut config) = (times_s.map(<[f64]>::to_vec), *config);
         // All of it on the pool: the second pass fits spins, on all cores too.
@@ -313,15 +327,15 @@ fn warn_of(py: Python<'_>, doubt: Option<FocalDoubt>) -> PyResult<()> {
 }
 
 /// The images of a sequence, which outlive the call.
-struct Job {
-    estimator: Arc<spindoe::Estimator>,
+pub struct Job {
+    pub estimator: Arc<spindoe::Estimator>,
     images: Vec<Py<PyAny>>,
     pixel: RawPixel,
 }
 
 impl Job {
     /// Does the work on some of the images, by their numbers, on all cores.
-    fn on_images(
+    pub fn on_images(
         &self,
         numbers: &[usize],
         work: &ImageWork<'_>,
@@ -348,6 +362,22 @@ impl Job {
     }
 }
 
+/// The detector of a name, the net with other weights where they are given.
+pub fn dot_detector(name: &str, weights: Option<PathBuf>) -> PyResult<DotDetector> {
+    let named: DetectorName = name.parse().or_raise()?;
+    match (weights, named) {
+        (None, named) => named.build().or_raise(),
+        (Some(path), DetectorName::Cnn) => {
+            let weights = Weights::read(&path).or_raise()?;
+            Ok(DotDetector::Cnn(CnnDetector::new(&weights).or_raise()?))
+        }
+        (Some(_), DetectorName::Blob) => {
+            let problem = "expected the detector cnn: blobs have no weights";
+            Err(value_error("weights", problem))
+        }
+    }
+}
+
 #[pymethods]
 impl Estimator {
     #[new]
@@ -363,18 +393,7 @@ impl Estimator {
             ..EstimatorConfig::default()
         };
         let config: EstimatorConfig = overlay(&defaults, settings)?;
-        let named: DetectorName = detector.parse().or_raise()?;
-        let detector = match (weights, named) {
-            (None, named) => named.build().or_raise()?,
-            (Some(path), DetectorName::Cnn) => {
-                let weights = Weights::read(&path).or_raise()?;
-                DotDetector::Cnn(CnnDetector::new(&weights).or_raise()?)
-            }
-            (Some(_), DetectorName::Blob) => {
-                let problem = "expected the detector cnn: blobs have no weights";
-                return Err(value_error("weights", problem));
-            }
-        };
+        let detector = dot_detector(detector, weights)?;
         let inner = spindoe::Estimator::for_ball(&table.0, config, detector).or_raise()?;
         Ok(Self {
             inner: Arc::new(inner),
@@ -593,7 +612,7 @@ impl Estimator {
 }
 
 /// The spin of a sequence: from what the command writes to its file of orientations, as the command does.
-fn spin_of<'py>(
+pub fn spin_of<'py>(
     py: Python<'py>,
     orientations: &Orientations,
     config: &SequenceConfig,
@@ -619,7 +638,7 @@ fn spin_of<'py>(
     }
 }
 
-fn sequence_config(max_rps: f64) -> PyResult<SequenceConfig> {
+pub fn sequence_config(max_rps: f64) -> PyResult<SequenceConfig> {
     let spin = SpinConfig {
         max_rps,
         ..SpinConfig::default()

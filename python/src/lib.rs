@@ -18,6 +18,7 @@ mod image;
 mod pattern;
 mod published;
 mod recognizer;
+mod rig;
 mod spin;
 mod stencil;
 mod synth;
@@ -51,6 +52,8 @@ mod _native {
     use super::published::{onnx_bytes, read_trajectories};
     #[pymodule_export]
     use super::recognizer::Recognizer;
+    #[pymodule_export]
+    use super::rig::Rig;
     #[pymodule_export]
     use super::spin::{fit_spin, in_axes};
     #[pymodule_export]

@@ -46,7 +46,7 @@ pub struct ImageArguments {
     /// How the outline is found: by its edges alone, or with a net where they do not show it whole.
     #[arg(hide = true, long, value_parser = one_of(&OutlineMethod::ALL, OutlineMethod::as_str), default_value_t = OutlineMethod::default())]
     pub(super) outline: OutlineMethod,
-    /// Distance of the ball's center in ball radii: from the camera, `inf` for parallel rays [default: it is estimated].
+    /// Ball's distance in radii: of its center from the camera, `inf` for parallel rays [default: estimated].
     #[arg(
         long,
         value_name = "D",
@@ -54,7 +54,7 @@ pub struct ImageArguments {
         allow_negative_numbers = true
     )]
     camera_distance_radii: Option<f64>,
-    /// Focal lengths and principal point in pixels, or a file of them. OpenCV's distortion k1,k2,p1,p2 and so on may stand behind them. A
+    /// Camera's intrinsics in pixels, or a file of them: focal lengths and principal point. OpenCV's distortion k1,k2,p1,p2 and so on may stand behind them. A
     /// file is one as OpenCV (YAML, JSON, XML, NPZ), ROS (camera_info), Kalibr, EuRoC, VINS, ORB-SLAM, COLMAP
     /// (cameras.txt), OpenSfM, NeRF (transforms.json), librealsense, ZED or MATLAB (JSON) has it; FILE:NAME is one of
     /// several cameras, as in stereo.yml:left. Where the file says for images of which size, it is scaled to those given. The distance then follows from the ball's size.
@@ -241,7 +241,7 @@ fn numbers(text: &str) -> Option<Vec<f64>> {
 }
 
 /// Columns and rows of the first frame of these inputs; `None` where it cannot be read, which is said of it later.
-fn first_size(inputs: &[PathBuf], max_pixels: u64) -> Option<[usize; 2]> {
+pub(super) fn first_size(inputs: &[PathBuf], max_pixels: u64) -> Option<[usize; 2]> {
     // Of a pipe it would be lost.
     let is_lasting = |path: &PathBuf| path.is_file() || path.is_dir();
     if !inputs.iter().all(is_lasting) {

@@ -50,6 +50,7 @@ const HEADINGS: [(&str, &[&str]); 6] = [
             "calibrate",
             "ball",
             "exposure",
+            "rig",
         ],
     ),
     (
@@ -422,6 +423,6 @@ mod tests {
                 flags += 1;
             }
         }
-        assert!(flags <= 157, "{flags} flags");
+        assert!(flags <= 159, "{flags} flags");
     }
 }

@@ -13,6 +13,7 @@ pub(crate) mod orientations;
 pub(crate) mod outlines;
 pub(crate) mod painted;
 mod read;
+pub mod rig;
 pub(crate) mod rolling;
 pub(crate) mod run;
 mod second;
@@ -34,6 +35,10 @@ pub use focal::{CameraCheck, FocalDoubt, LiveCheck, SeenOval, focal_doubt};
 pub use judgment::Judgment;
 pub use orientations::{NamedFrame, orientations};
 pub use painted::SurfaceObserver;
+pub use rig::{
+    CameraAgreement, CameraClip, ClockCheck, Fusion, RigClip, RigConfig, RigDoubt, RigFrame,
+    RigOutcome, combine, run_rig,
+};
 pub use rolling::{SequenceRows, seen_times};
 pub use run::run;
 pub use sequence::{

@@ -106,7 +106,7 @@ pub(super) struct Pass<'a, O> {
 type Estimated<K> = Result<(BatchFrame<K>, Option<Error>)>;
 
 impl<'a, O: BatchObserver> Pass<'a, O> {
-    fn new(work: Work<'a>, config: &'a BatchConfig, observer: &'a O) -> Self {
+    pub(super) fn new(work: Work<'a>, config: &'a BatchConfig, observer: &'a O) -> Self {
         Self {
             work,
             table: 0,

@@ -175,6 +175,15 @@ fn in_doubt(
 }
 
 impl FrameInDoubt {
+    /// A frame of which others than its neighbors in time expect this.
+    pub(super) fn expected(frame: usize, prior: Prior) -> Self {
+        Self {
+            frame,
+            prior,
+            on_path: false,
+        }
+    }
+
     /// Whether an estimate with the prior takes the place of the one before.
     fn is_settled_by(&self, before: &FrameEstimate, again: &FrameEstimate) -> bool {
         let is_off = |frame: &FrameEstimate| {

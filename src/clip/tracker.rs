@@ -7,7 +7,7 @@
 //! dots.
 //!
 //! That is the forward pass over a [sequence](super::sequence::frames_in_doubt): every frame is one [`Estimator::estimate`], whose prior is
-//! what the earlier frames expect. Poses that needed no hint and are likelier than [`SequenceConfig::trusted`] enter a window of
+//! what the earlier frames expect. Poses that needed no hint and are likelier than 0.8 enter a window of
 //! fixed length, from which the spin is fitted after each frame; it predicts the orientation of the next. A hinted pose is
 //! an answer, but no evidence: it never enters the window, so that no error confirms itself.
 //!

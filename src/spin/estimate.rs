@@ -35,6 +35,7 @@ pub use super::fitted::{FittedMotion, MotionModel, Rival};
 use super::free::{free_about, free_alone, is_searched};
 use super::mixture::inlier_probability;
 use super::precession::PrecessionFit;
+use super::repeated::Merged;
 use super::robust::{RobustEstimator, SpinConfig, TIE_MARGIN};
 use super::summary::SpinSummary;
 use super::{Fit, MIN_FRAMES, Measurement, SpinRejection, check};
@@ -59,6 +60,8 @@ pub struct SpinEstimate {
     pub clock: Clock,
     /// The measurements with which it is, and their indices, where any was.
     mended: Option<(Vec<Measurement>, Vec<usize>)>,
+    /// For each measurement that was given which of those of different times it is a part of; empty where no time repeats.
+    repeats: Vec<usize>,
     /// Times of the first and the last orientation, seconds.
     span_s: [f64; 2],
     window: usize,
@@ -118,6 +121,27 @@ impl SpinEstimate {
     ) -> Result<Self, SpinRejection> {
         config.check()?;
         check(measurements, MIN_FRAMES)?;
+        let merged = Merged::of(measurements, config.sigma_rad);
+        let mut found = Self::of_merged(&merged.measurements, model, config, evidence)?;
+        if merged.is_changed() {
+            let count = merged.measurements.len();
+            found.repeats = merged.spread(&(0..count).collect::<Vec<_>>());
+            let (followed, kept) = found
+                .mended
+                .take()
+                .unwrap_or_else(|| (merged.measurements.to_vec(), (0..count).collect()));
+            found.mended = Some((followed, kept));
+        }
+        Ok(found)
+    }
+
+    /// As [`Self::examined`], of measurements whose times all differ.
+    fn of_merged(
+        measurements: &[Measurement],
+        model: MotionModel,
+        config: &SpinConfig,
+        evidence: Option<&dyn SpinEvidence>,
+    ) -> Result<Self, SpinRejection> {
         let room = &mut Room::default();
         let found = examined(measurements, config, room, |measurements, config, start| {
             let mut estimator = RobustEstimator::new(*config);
@@ -208,6 +232,7 @@ impl SpinEstimate {
             precessing: Rival::NotFitted,
             clock: Clock::default(),
             mended: None,
+            repeats: Vec::new(),
             span_s: span_s(measurements),
             window: config.window,
         })
@@ -273,6 +298,7 @@ impl SpinEstimate {
             precessing,
             clock: Clock::default(),
             mended: None,
+            repeats: Vec::new(),
             span_s: span_s(measurements),
             window: config.window,
         })
@@ -287,6 +313,7 @@ impl SpinEstimate {
             precessing: Rival::NotFitted,
             clock: Clock::default(),
             mended: None,
+            repeats: Vec::new(),
             span_s: span_s(measurements),
             window: measurements.len(),
         }
@@ -324,9 +351,21 @@ impl SpinEstimate {
             inlier_probability(m.confidence, angle * angle, variance)
         };
         let own = self.followed(measurements).iter().map(one);
-        let Some((_, kept)) = &self.mended else {
+        let Some((followed, kept)) = &self.mended else {
             return own.collect();
         };
+        if !self.repeats.is_empty() {
+            let of = |(m, k): (&Measurement, &usize)| {
+                let at = kept.iter().position(|kept| kept == k);
+                at.map_or(0.0, |at| {
+                    one(&Measurement {
+                        time_s: followed[at].time_s,
+                        ..*m
+                    })
+                })
+            };
+            return measurements.iter().zip(&self.repeats).map(of).collect();
+        }
         let mut all = vec![0.0; measurements.len()];
         for (k, p) in kept.iter().zip(own) {
             all[*k] = p;

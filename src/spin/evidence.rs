@@ -22,6 +22,7 @@ use super::belief::Belief;
 use super::chance::expected_by_chance;
 use super::mixture::{Blocks, Mixture, RatePrior, Settled, Spread, duration, is_majority};
 use super::motion::{ConstantSpin, LocalFrame, Motion};
+use super::repeated::Merged;
 use super::robust::{RobustEstimator, SpinConfig, TIE_MARGIN};
 use super::widening::widened;
 use super::{Fit, MIN_FRAMES, Measurement, SpinRejection, check};
@@ -188,6 +189,8 @@ pub(super) fn compare<M: Richer<P>, const P: usize>(
 ) -> Result<Outcome<M, P>, SpinRejection> {
     config.check()?;
     check(measurements, M::needed(config))?;
+    let merged = Merged::of(measurements, config.sigma_rad);
+    let measurements = &*merged.measurements;
     let constant = RobustEstimator::new(*config).fit_part(measurements);
     match fitted::<M, P>(measurements, constant.as_ref().ok(), config) {
         Some(fit) if fit.is_evident() => Ok(Outcome::Found {

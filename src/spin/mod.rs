@@ -40,6 +40,7 @@ pub mod orientations;
 pub mod pair;
 pub mod precession;
 pub mod quatera;
+mod repeated;
 pub mod robust;
 pub mod shared;
 pub mod simulate;
@@ -197,8 +198,10 @@ pub enum SpinRejection {
         /// Orientations needed.
         needed: usize,
     },
-    /// A time is not finite, or not later than the one before it.
-    #[error("orientation {index}: expected a time later than the one before, found {time_s} s")]
+    /// A time is not finite, or earlier than the one before it.
+    #[error(
+        "orientation {index}: expected a time not earlier than the one before, found {time_s} s"
+    )]
     Times {
         /// Index of the measurement, from 0.
         index: usize,
@@ -338,22 +341,25 @@ fn require(
     if inside { Ok(()) } else { Err(rejection) }
 }
 
-/// Checks what every estimator relies on.
+/// Checks what every estimator relies on. Measurements of equal times are of one orientation, as several cameras give them.
 ///
 /// # Errors
-/// The first violation: fewer than `needed` measurements, times not increasing, values out of
-/// domain.
+/// The first violation: measurements of fewer than `needed` times, times that decrease, values out of domain.
 pub fn check(measurements: &[Measurement], needed: usize) -> Result<(), SpinRejection> {
     let mut before = f64::NEG_INFINITY;
+    let mut found = 0;
     for (index, m) in measurements.iter().enumerate() {
-        if !m.time_s.is_finite() || m.time_s <= before {
+        if !m.time_s.is_finite() || m.time_s < before {
             let time_s = m.time_s;
             return Err(SpinRejection::Times { index, time_s });
         }
         let interval_s = m.time_s - before;
-        if interval_s < MIN_INTERVAL_S {
+        // Both times may be rounded.
+        let rounding_s = 2.0 * f64::EPSILON * m.time_s.abs();
+        if interval_s > 0.0 && interval_s + rounding_s < MIN_INTERVAL_S {
             return Err(SpinRejection::Close { index, interval_s });
         }
+        found += usize::from(interval_s > 0.0);
         before = m.time_s;
         let unit = (m.orientation.coords.norm_squared() - 1.0).abs() < 1e-6;
         let problem = match m {
@@ -366,8 +372,7 @@ pub fn check(measurements: &[Measurement], needed: usize) -> Result<(), SpinReje
         };
         return Err(SpinRejection::Measurement { index, problem });
     }
-    if measurements.len() < needed {
-        let found = measurements.len();
+    if found < needed {
         return Err(SpinRejection::TooFewFrames { found, needed });
     }
     Ok(())

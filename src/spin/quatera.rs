@@ -22,6 +22,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::motion::ConstantSpin;
+use super::repeated::Merged;
+use super::robust::SpinConfig;
 use super::{Fit, Measurement, SpinRejection, check, require};
 use crate::geometry::{Rotation, Vec3};
 
@@ -184,6 +186,16 @@ impl QuateraEstimator {
         self.config.check()?;
         let needed = self.config.run.saturating_add(self.config.joining);
         check(measurements, needed)?;
+        let merged = Merged::of(measurements, SpinConfig::default().sigma_rad);
+        let found = self.fit_merged(&merged.measurements);
+        if merged.is_changed() {
+            self.best = merged.spread(&self.best);
+        }
+        found
+    }
+
+    /// As [`Self::fit`], of measurements whose times all differ.
+    fn fit_merged(&mut self, measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
         self.quaternions.clear();
         self.quaternions
             .extend(measurements.iter().map(|m| m.orientation.coords));

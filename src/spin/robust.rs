@@ -22,6 +22,7 @@ use super::config::SLOWEST_RPS;
 pub use super::config::{MagnitudePrior, SpinConfig, TimeOrigin};
 use super::mixture::{Mixture, RatePrior, Settled, Spread, inlier_probability};
 use super::motion::{ConstantSpin, LocalFrame, Motion};
+use super::repeated::Merged;
 use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pair, pair_radius};
 use super::shared::{Part, SharedError};
 use super::widening::widened;
@@ -114,6 +115,16 @@ impl RobustEstimator {
     pub fn fit(&mut self, measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
         self.config.check()?;
         check(measurements, MIN_FRAMES)?;
+        let merged = Merged::of(measurements, self.config.sigma_rad);
+        let found = self.fit_merged(&merged.measurements);
+        if merged.is_changed() && found.is_ok() {
+            self.probabilities = merged.spread(&self.probabilities);
+        }
+        found
+    }
+
+    /// As [`Self::fit`], of measurements whose times all differ.
+    fn fit_merged(&mut self, measurements: &[Measurement]) -> Result<Fit, SpinRejection> {
         let given = self.config;
         let mut room = std::mem::take(&mut self.room);
         let found = examined(
@@ -149,6 +160,8 @@ impl RobustEstimator {
     ) -> Result<Fit, SpinRejection> {
         self.config.check()?;
         check(measurements, MIN_FRAMES)?;
+        let merged = Merged::of(measurements, self.config.sigma_rad);
+        let measurements = &*merged.measurements;
         self.searched(measurements, false)?;
         let found = self.candidates.iter().flatten();
         let most = found.clone().map(|c| c.inliers).max().unwrap_or(0);

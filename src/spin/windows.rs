@@ -9,6 +9,7 @@
 use std::ops::Range;
 
 use super::mixture::is_majority;
+use super::repeated::Merged;
 use super::robust::{RobustEstimator, SpinConfig};
 use super::{Fit, MIN_FRAMES, Measurement, SpinRejection, check};
 
@@ -37,6 +38,8 @@ pub fn spin_over_time(
 ) -> Result<Vec<WindowFit>, SpinRejection> {
     let length = length.max(MIN_FRAMES);
     check(measurements, length)?;
+    let merged = Merged::of(measurements, options.sigma_rad);
+    let measurements = &*merged.measurements;
     let mut estimator = RobustEstimator::new(*options);
     let last = measurements.len() - length;
     // The last run ends with the sequence, so that no orientation is left out.
@@ -70,6 +73,8 @@ pub fn constant_stretches(
 ) -> Result<Vec<Stretch>, SpinRejection> {
     config.check()?;
     check(measurements, config.window)?;
+    let merged = Merged::of(measurements, config.sigma_rad);
+    let measurements = &*merged.measurements;
     let mut estimator = RobustEstimator::new(*config);
     let mut stretches = Vec::new();
     let mut from = 0;
@@ -106,7 +111,10 @@ pub fn constant_stretches(
         from = held
             .as_ref()
             .map_or(from + config.window, |s| s.orientations.end);
-        stretches.extend(held);
+        stretches.extend(held.map(|held| Stretch {
+            orientations: merged.given(&held.orientations),
+            ..held
+        }));
     }
     Ok(stretches)
 }

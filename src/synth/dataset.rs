@@ -25,7 +25,7 @@ use crate::pattern::Pattern;
 use crate::vision::optics::camera::{Camera, Intrinsics, Pixel};
 
 /// Time of a sequence's first frame, ns: so that all names have the same length for an hour.
-const FIRST_NS: u64 = 1_000_000_000_000;
+pub(super) const FIRST_NS: u64 = 1_000_000_000_000;
 /// Maximum of a sequence's random drift over the ball's radius, along either axis.
 const MAX_DRIFT: f64 = 0.1;
 /// Maximum of a sequence's given drift along either axis, pixels: wider than the images.
@@ -430,7 +430,7 @@ impl Sequence {
     }
 }
 
-fn frame(scene: &Scene, image: String, time_s: Option<f64>) -> Result<Frame> {
+pub(super) fn frame(scene: &Scene, image: String, time_s: Option<f64>) -> Result<Frame> {
     let rendering = scene.render()?;
     let truth = truth(scene, &rendering, image, time_s);
     Ok(Frame {

@@ -50,6 +50,7 @@ pub mod occlusion;
 pub mod pen;
 mod random;
 pub mod render;
+pub mod rig;
 pub mod scene;
 pub mod sensor;
 pub mod several;

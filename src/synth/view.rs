@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Result, require};
 use crate::geometry::{Rotation, Vec3};
-use crate::vision::optics::camera::{BallCircle, Camera, Pixel};
+use crate::vision::optics::camera::{BallCircle, Camera, Intrinsics, Pixel};
 use crate::vision::optics::lens::Lens;
 
 /// The ball's outline: an ellipse.
@@ -220,6 +220,17 @@ impl View {
             angle_rad: y.atan2(x),
         }
     }
+}
+
+/// Where a pinhole without distortion sees a ball with its center there (camera frame, ball radii), as [`View::new`] takes it.
+pub(super) fn circle_of(k: &Intrinsics, center: &Vec3) -> BallCircle {
+    let ray = center / -center.z;
+    let half_angle = (1.0 / center.norm()).asin();
+    let at = Pixel {
+        u: k.cx + k.fx * ray.x,
+        v: k.cy - k.fy * ray.y,
+    };
+    BallCircle::new(at, (k.fx * k.fy).sqrt() * ray.norm() * half_angle.tan())
 }
 
 /// The ray through a pixel, camera frame, with z = -1.

@@ -27,6 +27,8 @@ mod pattern;
 mod plot;
 mod recognize;
 mod report;
+#[cfg(all(feature = "cli", feature = "vision"))]
+mod rig;
 mod several;
 mod spin;
 mod stencil;

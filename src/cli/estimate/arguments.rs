@@ -35,13 +35,17 @@ rejected frames whose outline was found; the diameter is --ball-diameter-mm, els
 All frames together decide whether the table fits these images, which of several tables it is, and whether the
 images are mirrored: frames of another ball are identified by accident now and then, but not one after the other.
 
+With --rig the orientations, positions and the spin are in the frame of the rig's first camera, and the column cameras says how many
+cameras a row is of. A frame that one camera misses is answered by the others.
+
 Rejected frames are listed on standard error with the reason, and in --json.
 
 Examples:
   spindoe estimate --table my-ball clip.mp4 -o o.csv --report report.html
   spindoe estimate --table a.npz --table b.npz --balls auto clip.mp4 -o b.csv
   spindoe estimate --table dots24 --strobe-ms 0,0.9,2.1 --preset golf exposures/
-  spindoe estimate --painted clip.mp4 --write-surface ball.npz -o o.csv")]
+  spindoe estimate --painted clip.mp4 --write-surface ball.npz -o o.csv
+  spindoe estimate --table dots20 --rig rig.yaml left/ right/ -o o.csv")]
 pub struct Arguments {
     /// Images, folders of images, or videos.
     #[arg(value_name = "IMAGES_OR_DIR", required = true)]
@@ -49,6 +53,11 @@ pub struct Arguments {
     /// File of orientations [default: standard output].
     #[arg(short, long, value_name = "ORIENTATIONS.csv")]
     pub(super) output: Option<PathBuf>,
+    /// Clips of several cameras, by their rig's file: their intrinsics and where they stand, as OpenCV's of `stereoCalibrate` (K1, D1, K2, D2, R, T), Kalibr's
+    /// camchain, or a transform of each as ROS' tf has it. The inputs are then one folder or video for each camera, in the file's order. Frames of
+    /// one time are one measurement, in the first camera's frame.
+    #[arg(long, value_name = "RIG.yaml", conflicts_with_all = ONE_CAMERA)]
+    pub(super) rig: Option<PathBuf>,
     #[command(flatten)]
     pub(super) asked: Asked,
     #[command(flatten)]
@@ -111,6 +120,41 @@ pub struct Arguments {
     pub(super) json: bool,
 }
 
+/// What is of one camera's picture, or not for several cameras.
+#[cfg(feature = "plot")]
+const ONE_CAMERA: [&str; 15] = [
+    "intrinsics",
+    "camera_distance_radii",
+    "circle",
+    "roi",
+    "balls",
+    "strobe_ms",
+    "preset",
+    "calibrate",
+    "exposure_ms",
+    "readout_ms",
+    "painted",
+    "write_surface",
+    "no_verdict",
+    "overlay",
+    "report",
+];
+#[cfg(not(feature = "plot"))]
+const ONE_CAMERA: [&str; 13] = [
+    "intrinsics",
+    "camera_distance_radii",
+    "circle",
+    "roi",
+    "balls",
+    "strobe_ms",
+    "preset",
+    "calibrate",
+    "exposure_ms",
+    "readout_ms",
+    "painted",
+    "write_surface",
+    "no_verdict",
+];
 /// What is for several balls, or several images of one.
 const SEVERAL: [&str; 2] = ["balls", "strobe_ms"];
 /// What only balls with dots have.

@@ -110,9 +110,19 @@ impl Asked {
 
     /// That of a ball.
     pub fn estimator(&self, ball: &Ball, measures_blur: bool) -> Result<Estimator> {
+        self.estimator_of(ball, self.camera()?, measures_blur)
+    }
+
+    /// The same of a ball that this camera sees.
+    pub fn estimator_of(
+        &self,
+        ball: &Ball,
+        camera: CameraModel,
+        measures_blur: bool,
+    ) -> Result<Estimator> {
         self.check_numbers()?;
         let mut config = EstimatorConfig {
-            camera: self.camera()?,
+            camera,
             outline: self.source.outline,
             min_confidence: self.min_confidence,
             ball_radius_m: self.ball_radius_m()?,
@@ -206,10 +216,14 @@ impl Asked {
 
     /// The frame of orientations and spin.
     pub fn frame(&self) -> Result<CameraFrame> {
-        let axes = match self.is_as(Format::Fictrac) {
+        Ok(self.axes().of_view(self.source.camera()?.is_view()))
+    }
+
+    /// The same of a camera whose intrinsics are known.
+    pub fn axes(&self) -> CameraFrame {
+        match self.is_as(Format::Fictrac) {
             true => CameraFrame::Optical,
             false => self.frame,
-        };
-        Ok(axes.of_view(self.source.camera()?.is_view()))
+        }
     }
 }

@@ -10,6 +10,7 @@ mod overlay;
 #[cfg(feature = "plot")]
 mod page;
 mod painted;
+mod rig;
 mod verdict;
 #[cfg(feature = "plot")]
 mod video;
@@ -64,6 +65,9 @@ impl BatchObserver for Pictures {
 
 pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     let asked = &arguments.asked;
+    if let Some(rig) = &arguments.rig {
+        return rig::run(arguments, rig);
+    }
     let shown = arguments.shown(given)?;
     asked.source.settle_camera(&arguments.images, None)?;
     if let Shown::Painted(surface) = &shown {

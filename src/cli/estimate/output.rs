@@ -25,7 +25,7 @@ use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::vision::frame::outline::OutlineSource;
-use crate::vision::{FrameEstimate, OffCenter};
+use crate::vision::{FrameEstimate, FrameRejection, OffCenter};
 
 /// Fields of view along the longer side for which a cost is named, degrees: that of a 25 mm lens before a sensor of half an inch,
 /// and that of a phone.
@@ -80,20 +80,27 @@ pub(super) fn named_frames(batch: &Batch<Picture>) -> Vec<NamedFrame<'_>> {
     named.collect()
 }
 
-/// The rows of the frames.
+/// The file of orientations.
+fn file_of(frame: CameraFrame, batch: &Batch<Picture>) -> Orientations {
+    let is_sequence = matches!(batch.sequence, SequenceOutcome::Estimated { .. });
+    orientations(&named_frames(batch), frame, is_sequence)
+}
+
+/// The rows of the frames, whose orientations are those of a file.
 fn rows<'a>(
     asked: &'a Asked,
     axes: CameraFrame,
     batch: &'a Batch<Picture>,
+    file: Orientations,
 ) -> ClipRows<'a, Picture> {
-    let is_sequence = matches!(batch.sequence, SequenceOutcome::Estimated { .. });
-    let file = orientations(&named_frames(batch), axes, is_sequence);
     let row = |(shown, row): (&BatchFrame<Picture>, OrientationRow)| {
         let frame = shown.estimate();
+        // Of cameras that contradict each other no frame has an answer, which is said once.
+        let is_said = frame.outcome == Err(FrameRejection::CamerasContradict);
         let needs_look = frame.pose().is_none() || frame.fit.is_some_and(|f| f.rivals > 0);
         vec![Row {
             json: frame_json(axes, frame, &row),
-            note: needs_look.then(|| words(frame)),
+            note: (needs_look && !is_said).then(|| words(frame)),
             row,
         }]
     };
@@ -183,8 +190,19 @@ impl<'a> Report<'a> {
         batch: &'a Batch<Picture>,
         evidence: &Evidence<'_>,
     ) -> Self {
-        let rows = rows(&arguments.asked, frame, batch);
-        let spin = spin(arguments, batch, &rows.orientations(), evidence);
+        Self::of_rows(arguments, frame, batch, evidence, file_of(frame, batch))
+    }
+
+    /// That of a batch whose orientations are these.
+    pub fn of_rows(
+        arguments: &'a Arguments,
+        frame: CameraFrame,
+        batch: &'a Batch<Picture>,
+        evidence: &Evidence<'_>,
+        file: Orientations,
+    ) -> Self {
+        let spin = spin(arguments, batch, &file, evidence);
+        let rows = rows(&arguments.asked, frame, batch, file);
         let found = spin.as_ref().and_then(|spin| spin.as_ref().ok());
         let smeared = evidence.smears.map(|smears| Smeared {
             frames: smears.frames(),

@@ -21,7 +21,7 @@ use crate::synth::folder::{self, Masks, Origin, Written};
 use crate::synth::several::StrobeConfig;
 
 /// Maximum number of frames of a set.
-const MAX_FRAMES: usize = 1_000_000;
+pub(super) const MAX_FRAMES: usize = 1_000_000;
 /// The folder where none is given.
 const FOLDER: &str = "sample";
 /// Spin of the preset `sample`, revolutions per second.
@@ -180,7 +180,7 @@ impl Arguments {
         self.preset.clone().unwrap_or(usual)
     }
 
-    fn synth_config(&self, ball: &Ball) -> Result<SynthConfig> {
+    pub(super) fn synth_config(&self, ball: &Ball) -> Result<SynthConfig> {
         let preset = self.preset();
         let mut config = preset.config()?;
         // A file states its own sizes.
@@ -196,7 +196,7 @@ impl Arguments {
         Ok(config)
     }
 
-    fn clip_config(&self, config: &SynthConfig) -> Result<Option<ClipConfig>> {
+    pub(super) fn clip_config(&self, config: &SynthConfig) -> Result<Option<ClipConfig>> {
         if !self.is_clip() {
             return Ok(None);
         }
@@ -217,7 +217,7 @@ impl Arguments {
     }
 
     /// Begins the folder, where it is free or may be replaced.
-    fn begin(&self) -> Result<(PathBuf, Replacement)> {
+    pub(super) fn begin(&self) -> Result<(PathBuf, Replacement)> {
         let folder = self.output.clone().unwrap_or_else(|| FOLDER.into());
         if !self.overwrite {
             let taken = ["index.csv", "truth.json", "images"];
@@ -230,6 +230,9 @@ impl Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<()> {
+    if let Some(rig) = &arguments.rig {
+        return super::rig::run(arguments, rig);
+    }
     let ball = arguments.ball()?;
     let config = arguments.synth_config(&ball)?;
     let clip = arguments.clip_config(&config)?;

@@ -4,6 +4,8 @@ mod dots;
 #[cfg(feature = "vision")]
 mod images;
 mod orientations;
+#[cfg(feature = "vision")]
+mod rig;
 
 use std::path::{Path, PathBuf};
 
@@ -40,6 +42,7 @@ Examples:
   spindoe synth table.npz -o clip --frames 20 --rps 60 --ball-px 60
   spindoe synth dots20 -o far --image-size 1280x1024 --config drift_px=400,-80
   spindoe synth dots20 --also dots32 -o two
+  spindoe synth dots20 --rig rig.yaml -o two-cameras
   spindoe synth dots20 --strobe-ms 0,0.9,2.1 -o exposures
   spindoe synth dots20 --as dots --protocol clutter -o dots.csv
   spindoe synth --as orientations --rps 40 --frames 200 -o orientations.csv")]
@@ -105,6 +108,10 @@ pub struct Arguments {
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "PATTERN", conflicts_with = "strobe_ms")]
     also: Vec<PathBuf>,
+    /// Cameras of a rig, by its file: as `estimate --rig` reads it. Each has a folder of the same ball, and the rig's file lies beside them.
+    #[cfg(feature = "vision")]
+    #[arg(long, value_name = "RIG.yaml", conflicts_with_all = ["also", "strobe_ms", "image_size", "mirrored", "readout_ms", "drift_px"])]
+    rig: Option<PathBuf>,
     /// Diameter of the ball, pixels: one number, or LOW,HIGH; the crop's side follows from it.
     #[cfg(feature = "vision")]
     #[arg(long, value_parser = range, allow_hyphen_values = true, value_name = "PX")]
@@ -134,7 +141,7 @@ pub struct Arguments {
     ranges: images::Ranges,
     #[command(flatten)]
     scenario: orientations::ScenarioArguments,
-    /// Print the truth as one JSON object instead of words.
+    /// Print one JSON object instead: the truth.
     #[arg(long)]
     json: bool,
 }
@@ -171,6 +178,7 @@ const OWN: &[(&str, &[Content])] = {
         ("readout_ms", &[Clip]),
         ("drift_px", &[Clip]),
         ("also", &[Clip]),
+        ("rig", &[Clip]),
         ("strobe_ms", &[Images]),
         ("overlap", &[Images]),
         ("fps", &[Clip, Orientations]),

@@ -275,6 +275,9 @@ impl PageFrame {
                 FrameRejection::Ambiguous { .. } => "ambiguous",
                 FrameRejection::OutOfTime => "no time left",
                 FrameRejection::Recognizer(_) | FrameRejection::Foreign => "not the pattern",
+                FrameRejection::CamerasDisagree { .. } | FrameRejection::CamerasContradict => {
+                    "cameras disagree"
+                }
                 FrameRejection::Unreadable => "cannot be read",
             }),
             picture: None,

@@ -3,7 +3,7 @@
 use crate::files::csv::Columns;
 
 /// Number of columns.
-pub(super) const COUNT: usize = 41;
+pub(super) const COUNT: usize = 42;
 /// The columns, in the order in which they are written.
 pub(super) static COLUMNS: Columns<COUNT> = Columns {
     names: [
@@ -48,6 +48,7 @@ pub(super) static COLUMNS: Columns<COUNT> = Columns {
         "ball",
         "table",
         "flash",
+        "cameras",
     ],
     // The time and the quaternion.
     required: 1..6,
@@ -64,6 +65,8 @@ pub(super) const FRAME: usize = 0;
 pub(super) const BALL: usize = 38;
 pub(super) const TABLE: usize = 39;
 pub(super) const FLASH: usize = 40;
+/// How many cameras a row is of, of files with several.
+pub(super) const CAMERAS: usize = 41;
 /// The same where the times come from elsewhere: only the quaternion is needed.
 pub(super) static UNTIMED: Columns<COUNT> = Columns {
     names: COLUMNS.names,
@@ -81,12 +84,19 @@ pub struct BallColumns {
     pub table: bool,
     /// The numbers of the flashes.
     pub flash: bool,
+    /// How many cameras a row is of.
+    pub cameras: bool,
 }
 
 impl BallColumns {
     /// Those that are written, by their places among all columns.
     pub(super) fn written(self) -> impl Iterator<Item = usize> {
-        let all = [(self.ball, BALL), (self.table, TABLE), (self.flash, FLASH)];
+        let all = [
+            (self.ball, BALL),
+            (self.table, TABLE),
+            (self.flash, FLASH),
+            (self.cameras, CAMERAS),
+        ];
         all.into_iter()
             .filter_map(|(is_written, at)| is_written.then_some(at))
     }

@@ -25,12 +25,15 @@
 //!   share, does to the row's orientation ([`ViewTurn`]);
 //! - `ball`, of frames with several balls: the number of the ball, one of which is read; `table`, where there were several: that of the
 //!   ball; `flash`, of exposures with several flashes, whose rows are images of one ball: rows without a flash are none of them and are passed over, and of several exposures whose times
-//!   do not follow each other one is read.
+//!   do not follow each other one is read;
+//! - `cameras`, of a rig's frames: how many cameras' orientations the row's is of.
+//!
+//! Rows of equal times are measurements of one orientation, as several cameras that are not fused give them.
 //!
 //! [`OrientationReader`] yields row after row from any input, in memory that does not grow with the
 //! file; [`OrientationWriter`] writes them likewise.
 //!
-//! Guarantees: what is read has finite numbers, unit quaternions and increasing times; everything
+//! Guarantees: what is read has finite numbers, unit quaternions and times that do not decrease (equal ones are of one orientation); everything
 //! else is rejected with the line at fault.
 
 mod columns;
@@ -97,6 +100,8 @@ pub struct OrientationRow {
     pub table: Option<String>,
     /// The number of the flash that lit it, of exposures with several.
     pub flash: Option<usize>,
+    /// How many cameras' orientations it is of, of a rig.
+    pub cameras: Option<usize>,
 }
 
 impl Default for OrientationRow {
@@ -116,6 +121,7 @@ impl Default for OrientationRow {
             ball: None,
             table: None,
             flash: None,
+            cameras: None,
         }
     }
 }

@@ -6,8 +6,8 @@ use std::path::Path;
 use nalgebra::Matrix3;
 
 use super::columns::{
-    BALL, CAMERA_FRAME, CENTER, CENTER_COVARIANCE, COLUMNS, COUNT, COVARIANCE, FLASH, FRAME, TABLE,
-    TURN, UNTIMED, UPPER,
+    BALL, CAMERA_FRAME, CAMERAS, CENTER, CENTER_COVARIANCE, COLUMNS, COUNT, COVARIANCE, FLASH,
+    FRAME, TABLE, TURN, UNTIMED, UPPER,
 };
 use super::{BallColumns, LENGTH_TOLERANCE, OrientationRow};
 use crate::error::{Error, Result};
@@ -124,6 +124,7 @@ impl<R: BufRead> OrientationReader<R> {
             ball: self.table.has(BALL),
             table: self.table.has(TABLE),
             flash: self.table.has(FLASH),
+            cameras: self.table.has(CAMERAS),
         }
     }
 
@@ -171,9 +172,17 @@ impl<R: BufRead> OrientationReader<R> {
             }
             self.camera_frame = frame;
             self.count += 1;
-            if self.time_s >= parsed.time_s {
+            // Rows of equal times are of several cameras, but not those of an exposure's flashes.
+            let is_before =
+                parsed.time_s < self.time_s || self.of_flashes && parsed.time_s == self.time_s;
+            if is_before {
+                let order = if self.of_flashes {
+                    "later"
+                } else {
+                    "not earlier"
+                };
                 let problem = format!(
-                    "expected a time later than the {} s before it, found {} s",
+                    "expected a time {order} than the {} s before it, found {} s",
                     self.time_s, parsed.time_s
                 );
                 return Err(match self.exposure.take() {
@@ -262,6 +271,7 @@ fn parse(row: &TableRow<'_, COUNT>, time_s: Option<f64>) -> Field<OrientationRow
         ball: row.count(BALL)?,
         table: row.text(TABLE).map(str::to_owned),
         flash: row.count(FLASH)?,
+        cameras: row.count(CAMERAS)?,
     })
 }
 

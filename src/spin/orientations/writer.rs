@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use super::OrientationRow;
-use super::columns::{BALL, BallColumns, CAMERA_FRAME, CENTER, COLUMNS, TABLE, TURN, UPPER};
+use super::columns::{BALL, BallColumns, CAMERA_FRAME, CENTER, COLUMNS, FLASH, TABLE, TURN, UPPER};
 use crate::files::csv::quoted;
 use crate::geometry::{CameraFrame, to_wxyz};
 
@@ -75,7 +75,8 @@ impl<W: Write> OrientationWriter<W> {
             match column {
                 BALL => optional(&mut self.to, row.ball)?,
                 TABLE => optional(&mut self.to, row.table.as_deref().map(quoted))?,
-                _ => optional(&mut self.to, row.flash)?,
+                FLASH => optional(&mut self.to, row.flash)?,
+                _ => optional(&mut self.to, row.cameras)?,
             }
         }
         self.to.write_all(b"\n")

@@ -90,6 +90,15 @@ pub enum FrameRejection {
     Unreadable,
     /// The frame has a pose, but all frames together say that the ball does not carry this pattern.
     Foreign,
+    /// The cameras of a rig contradict each other as a whole.
+    CamerasContradict,
+    /// Cameras of a rig have poses that contradict each other, and none is sure enough.
+    CamerasDisagree {
+        /// Their squared difference over its variance.
+        chi2: f64,
+        /// The number of its degrees of freedom.
+        freedom: usize,
+    },
 }
 
 impl std::fmt::Display for FrameRejection {
@@ -113,6 +122,13 @@ impl std::fmt::Display for FrameRejection {
             Self::Recognizer(refusal) => refusal.fmt(f),
             Self::Unreadable => f.write_str("cannot be read"),
             Self::Foreign => f.write_str("the table does not fit these images"),
+            Self::CamerasContradict => {
+                f.write_str("the cameras of the rig contradict each other as a whole")
+            }
+            Self::CamerasDisagree { chi2, freedom } => write!(
+                f,
+                "the cameras disagree: chi2 {chi2:.0} with {freedom} degrees of freedom"
+            ),
         }
     }
 }

@@ -159,6 +159,22 @@ impl BallView {
         })
     }
 
+    /// The outline of a ball with its center there (camera frame, ball radii), as [`BallView::new`] takes it.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a center behind the camera or within the ball.
+    pub fn of_center(intrinsics: Intrinsics, center: &Vec3) -> Result<BallCircle> {
+        let distance = center.norm();
+        if !(center.z < 0.0 && distance > 1.0 && distance.is_finite()) {
+            let problem = format!("expected a ball before the camera, found {center:?}");
+            return Err(Error::argument("center", problem));
+        }
+        let half_angle = (1.0 / distance).asin();
+        let ray = center / -center.z;
+        let radius = intrinsics.scale_at(&ray) * half_angle.tan();
+        Ok(BallCircle::new(intrinsics.project(center), radius))
+    }
+
     /// The same camera's view of another outline.
     ///
     /// # Errors

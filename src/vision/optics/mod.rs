@@ -11,6 +11,7 @@ pub mod intrinsics;
 pub mod lens;
 pub(crate) mod off_center;
 pub(crate) mod oval;
+pub mod rig;
 mod tilt;
 
 pub use off_center::OffCenter;

@@ -233,12 +233,12 @@ mod tests {
         assert!(map.probability(&sure) <= EVEN);
         assert!(map.probability(&PoseEvidence { named: 4, ..sure }) > EVEN);
         // What all places or all pixels show is more than the dots with a name.
-        let whole = WholeEvidence {
+        let pixels = PixelsEvidence {
             margin: MAX_MARGIN,
             explained: 0.8,
         };
         let by_pixels = PoseEvidence {
-            whole: Some(whole),
+            source: PoseSource::Pixels(pixels),
             ..sure
         };
         assert!(map.probability(&by_pixels) > EVEN);

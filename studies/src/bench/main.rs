@@ -28,6 +28,7 @@ mod position;
 mod rebuild;
 mod recognizer;
 mod residuals;
+mod rig;
 mod robustness;
 mod rolling;
 mod sequences;
@@ -87,6 +88,8 @@ enum Command {
     Focal(focal::Args),
     /// Whether the covariance of a ball's center says how well it is known.
     Position(position::Args),
+    /// What a second camera gains.
+    Rig(rig::Args),
     /// How often images that show no ball are answered.
     Noise(noise::Args),
     /// How often a flipped camera is recognized.
@@ -169,6 +172,7 @@ fn main() -> Outcome {
         Command::Rolling(args) => args.run(),
         Command::Focal(args) => args.run(),
         Command::Position(args) => args.run(),
+        Command::Rig(args) => args.run(),
         Command::Noise(args) => args.run(),
         Command::Mirror(args) => args.run(),
         Command::Sequences(args) => args.run(),

@@ -13,6 +13,7 @@ mod lies;
 mod long;
 mod motion;
 mod precession;
+mod repeated;
 mod scipy;
 mod shared;
 mod trajectories;

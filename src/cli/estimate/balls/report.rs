@@ -135,6 +135,7 @@ impl<'a> Report<'a> {
                     ball: true,
                     table: asked.table.len() > 1,
                     flash: strobe.is_some(),
+                    cameras: false,
                 },
             },
             numbers: Vec::new(),

@@ -8,6 +8,7 @@
 //! Of a file with several cameras one is named behind a colon, as in `stereo.yml:left` or `camchain.yaml:cam0`.
 
 mod colmap;
+mod extrinsics;
 mod foreign;
 mod keys;
 mod reader;
@@ -23,6 +24,7 @@ use super::tree::{Value, is_ini, of_ini, of_xml, of_yaml, plain};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::npz;
+use crate::vision::optics::rig::RigCamera;
 
 /// Bytes of the largest file of intrinsics.
 const MAX_BYTES: u64 = 1 << 20;
@@ -73,19 +75,33 @@ impl Calibration {
         Self::from_bytes(&file, name, &bytes)
     }
 
+    /// Intrinsics that no file has, and columns and rows of the images that they are for.
+    pub fn new(intrinsics: Intrinsics, size: Option<[usize; 2]>) -> Self {
+        Self {
+            intrinsics,
+            size: size.map(|size| size.map(|n| n as f64)),
+            whole: None,
+            is_part: false,
+            notes: Vec::new(),
+            path: PathBuf::from("intrinsics"),
+        }
+    }
+
+    /// The cameras of a rig's file, with the extrinsics of each from a frame that all have in common.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub(in crate::vision::optics) fn read_rig(path: &Path) -> Result<Vec<RigCamera>> {
+        let bytes = files::read_at_most(path, MAX_BYTES)?;
+        extrinsics::rig(path, &tree_of(path, &bytes)?)
+    }
+
     /// As [`read`](Self::read), from the file's bytes; `path` is for errors, `name` that of one of several cameras.
     ///
     /// # Errors
     /// [`Error::Input`] naming the field that is not as expected.
     pub fn from_bytes(path: &Path, name: Option<&str>, bytes: &[u8]) -> Result<Self> {
-        if bytes.starts_with(b"PK") {
-            let tree = of_npz(bytes).map_err(|p| Error::input(path, p.place, p.problem))?;
-            return Self::of_tree(path, name, &tree);
-        }
-        let text = std::str::from_utf8(bytes);
-        let text =
-            text.map_err(|_| Error::input(path, "file", "expected YAML, JSON, XML or NPZ"))?;
-        Self::from_text(path, name, text)
+        Self::of_tree(path, name, &tree_of(path, bytes)?)
     }
 
     /// As [`from_bytes`](Self::from_bytes), from text.
@@ -93,18 +109,7 @@ impl Calibration {
     /// # Errors
     /// [`Error::Input`] naming the field that is not as expected.
     pub fn from_text(path: &Path, name: Option<&str>, text: &str) -> Result<Self> {
-        let text = text.trim_start_matches('\u{feff}');
-        if let Some(tree) = of_colmap(text) {
-            let tree = tree.map_err(|problem| Error::input(path, "cameras", problem))?;
-            return Self::of_tree(path, name, &tree);
-        }
-        let tree = match text.trim_start().starts_with('<') {
-            true => of_xml(text).map_err(|e| format!("expected OpenCV's XML, found {e}")),
-            false if is_ini(text) => Ok(of_ini(text)),
-            false => of_yaml(text).map_err(|e| format!("expected YAML or JSON, found {e}")),
-        };
-        let tree = tree.map_err(|problem| Error::input(path, "file", problem))?;
-        Self::of_tree(path, name, &tree)
+        Self::of_tree(path, name, &tree_of_text(path, text)?)
     }
 
     fn of_tree(path: &Path, name: Option<&str>, tree: &Value) -> Result<Self> {
@@ -150,6 +155,11 @@ impl Calibration {
             );
             return Err(Error::input(path, "camera_matrix", problem));
         };
+        Self::of_camera(path, camera)
+    }
+
+    /// That of one camera of a file.
+    fn of_camera(path: &Path, camera: &Value) -> Result<Self> {
         let camera = foreign::as_opencv(camera);
         let camera = camera.map_err(|problem| Error::input(path, "camera", problem))?;
         Reader::new(path, &camera).read()
@@ -223,6 +233,30 @@ impl Intrinsics {
             lens: self.lens,
         }
     }
+}
+
+/// What a file's bytes hold.
+fn tree_of(path: &Path, bytes: &[u8]) -> Result<Value> {
+    if bytes.starts_with(b"PK") {
+        return of_npz(bytes).map_err(|p| Error::input(path, p.place, p.problem));
+    }
+    let text = std::str::from_utf8(bytes);
+    let text = text.map_err(|_| Error::input(path, "file", "expected YAML, JSON, XML or NPZ"))?;
+    tree_of_text(path, text)
+}
+
+/// What a text holds.
+fn tree_of_text(path: &Path, text: &str) -> Result<Value> {
+    let text = text.trim_start_matches('\u{feff}');
+    if let Some(tree) = of_colmap(text) {
+        return tree.map_err(|problem| Error::input(path, "cameras", problem));
+    }
+    let tree = match text.trim_start().starts_with('<') {
+        true => of_xml(text).map_err(|e| format!("expected OpenCV's XML, found {e}")),
+        false if is_ini(text) => Ok(of_ini(text)),
+        false => of_yaml(text).map_err(|e| format!("expected YAML or JSON, found {e}")),
+    };
+    tree.map_err(|problem| Error::input(path, "file", problem))
 }
 
 /// The keys of a file without a camera; of one that holds a single mapping, those within.
