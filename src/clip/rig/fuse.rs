@@ -178,7 +178,7 @@ impl Fused {
     }
 }
 
-/// The quantile of chi-square that one in a thousand exceeds (E. B. Wilson, M. M. Hilferty, PNAS 17, 1931): within 1 % from 3 degrees of
+/// The quantile of chi-square that one in a thousand exceeds (E. B. Wilson, M. M. Hilferty, PNAS 17, 1931): within 2 % from 3 degrees of
 /// freedom on.
 pub(super) fn quantile_999(freedom: usize) -> f64 {
     let n = freedom as f64;
