@@ -47,7 +47,7 @@ impl Reweighting {
             weights.extend(points.iter().map(|p| biweight(off(p) / reach)));
             scatter
         };
-        if points.is_empty() {
+        if points.len() < N {
             return None;
         }
         let mut weights = vec![1.0; points.len()];
