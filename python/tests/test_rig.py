@@ -212,6 +212,17 @@ def test_both_cameras_are_one_sequence(clips, tmp_path):
         rig.estimate_sequence(images[:1], times)
 
 
+def test_the_guides_example_runs(clips, root, monkeypatch):
+    folder, (left, right) = clips
+    monkeypatch.chdir(folder)
+    text = (root / "docs/lab.md").read_text().split("## Two cameras")[1].split("## ")[0]
+    example = text.split("```python\n")[1].split("```")[0]
+    left_images, right_images = ([f"{name}/images/{truth['image']}" for truth in truths] for name, truths in (("left", left), ("right", right)))
+    names = {"left_images": left_images, "right_images": right_images, "times_s": [truth["time_s"] for truth in left]}
+    exec(compile(example, "docs/lab.md", "exec"), names)
+    assert names["found"].spin and names["found"].positions_m.shape == (6, 3)
+
+
 def test_equal_times_are_one_orientation():
     rotation = pytest.importorskip("scipy.spatial.transform").Rotation
     rng = np.random.default_rng(3)
@@ -222,3 +233,6 @@ def test_equal_times_are_one_orientation():
     found = spindoe.fit_spin(times, np.roll(seen.as_quat(), 1, axis=1), sigma_rad=0.01)
     assert found and np.linalg.norm(found.spin_rad_s - spin) < 3.0
     assert found.inlier_probabilities.shape == (24,)
+    # All of one time are one orientation, and three are needed.
+    alone = spindoe.fit_spin(times * 0, np.roll(seen.as_quat(), 1, axis=1))
+    assert not alone and "at least 3" in alone.reason

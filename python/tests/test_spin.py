@@ -163,8 +163,7 @@ def test_what_has_no_spin_is_rejected():
 @pytest.mark.parametrize(
     ("times", "rows", "words"),
     [
-        (TIMES[::-1], None, "later"),
-        (TIMES * 0, None, "later"),
+        (TIMES[::-1], None, "not earlier"),
         (TIMES[:3], None, "shape"),
         (TIMES * np.nan, None, "finite"),
         (TIMES * 1e-9, None, "in seconds"),

@@ -348,9 +348,9 @@ impl<'a> Assembly<'a> {
                 let rest = agreeing.iter().enumerate().filter(|(i, _)| *i != k);
                 rest.map(|(_, r)| *r).collect::<Vec<_>>()
             };
-            // Of two the surer stays, of more those that agree best.
+            // Of two the surer stays, and one that needed a hint goes first; of more those that agree best.
             let cost = |k: &usize| match agreeing.len() {
-                2 => agreeing[*k].1.confidence,
+                2 => agreeing[*k].1.confidence - f64::from(u8::from(agreeing[*k].1.hinted)),
                 _ => fused_of(&without(*k)).map_or(f64::INFINITY, |f| f.chi2),
             };
             let worst = (0..agreeing.len()).min_by(|a, b| cost(a).total_cmp(&cost(b)));
@@ -493,7 +493,8 @@ fn confidence(agreeing: &[(usize, Reading)], others: &[Reading]) -> f64 {
                 .fold(0.0, f64::max),
         ];
     }
-    let others: Vec<f64> = others.iter().map(|r| r.confidence).collect();
+    let others = others.iter().filter(|r| !r.hinted);
+    let others: Vec<f64> = others.map(|r| r.confidence).collect();
     let readings: Vec<Reading> = agreeing.iter().map(|(_, r)| *r).collect();
     consensus(&free, &others, chance(&readings)).min(SUREST)
 }
