@@ -73,7 +73,9 @@ impl Estimator {
         places.plan(&image, region.filter(is_wide), (prior, standing), budget);
         let mut is_answered = false;
         while !is_answered && let Some(proposal) = self.next_place(&image, out, &mut places, ws) {
-            self.try_place(image, &proposal, prior.rotation.as_ref(), ws, &mut there);
+            let is_outlined = out.outline.is_some();
+            let hint = prior.rotation.as_ref();
+            self.try_place(image, &proposal, hint, is_outlined, ws, &mut there);
             places.learn(&proposal, &there);
             is_answered = is_answer(&there, proposal.standing);
             // What is expected, or else the likeliest place, says why there is no answer.
@@ -139,12 +141,14 @@ impl Estimator {
         ws.images = images;
     }
 
-    /// Tries the outlines at a place, the likeliest first, until the dots are clear.
+    /// Tries the outlines at a place, the likeliest first, until the dots are clear; rough circles without dots only where the frame is not
+    /// outlined yet.
     fn try_place(
         &self,
         image: ImageView<'_>,
         proposal: &Proposal,
         hint: Option<&Hint>,
+        is_outlined: bool,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
@@ -161,6 +165,7 @@ impl Estimator {
         };
         self.viewed(image, &part, level, ws, |crop, ws| {
             if let (Place::Near(rough), Standing::Doubtful) = (place, standing)
+                && is_outlined
                 && self.shows_nothing(&crop, rough, ws, out)
             {
                 return;
