@@ -75,6 +75,6 @@ pub(super) fn write_balls(
 fn constant(spin: &std::result::Result<SpinSummary, SpinRejection>, axes: CameraFrame) -> Spin {
     let summary = spin.as_ref().map_err(|rejection| *rejection)?;
     let summary = summary.clone().turned(&axes.turn());
-    let motion = FittedMotion::Constant(summary.fit.clone());
+    let motion = FittedMotion::Constant(summary.fit);
     Ok((summary, motion))
 }

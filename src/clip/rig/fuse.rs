@@ -191,10 +191,9 @@ pub(super) fn fuse(readings: &[Reading]) -> Option<Fused> {
     let first = |f: fn(&Reading) -> bool| readings.iter().find(|r| f(r));
     let mut rotation = first(|r| r.rotation.is_some()).and_then(|r| r.rotation);
     let mut center_m = first(|r| r.center_m.is_some()).and_then(|r| r.center_m);
-    let informations: Option<Vec<Matrix6<f64>>> =
-        readings.iter().map(Reading::information).collect();
-    let informations = informations.filter(|all| !all.is_empty())?;
-    let mut sum: Matrix6<f64> = informations.iter().sum();
+    let informed: Option<Vec<Matrix6<f64>>> = readings.iter().map(Reading::information).collect();
+    let informed = informed.filter(|all| !all.is_empty())?;
+    let mut sum: Matrix6<f64> = informed.iter().sum();
     // What nobody knows stays where it is.
     for (from, is_known) in [(0, rotation.is_some()), (3, center_m.is_some())] {
         if !is_known {
@@ -206,7 +205,7 @@ pub(super) fn fuse(readings: &[Reading]) -> Option<Fused> {
     for _ in 0..STEPS {
         let slope: Vector6<f64> = readings
             .iter()
-            .zip(&informations)
+            .zip(&informed)
             .map(|(reading, information)| {
                 information * reading.off(rotation.as_ref(), center_m.as_ref())
             })
@@ -218,7 +217,7 @@ pub(super) fn fuse(readings: &[Reading]) -> Option<Fused> {
     }
     let chi2 = readings
         .iter()
-        .zip(&informations)
+        .zip(&informed)
         .map(|(reading, information)| {
             let off = reading.off(rotation.as_ref(), center_m.as_ref());
             off.dot(&(information * off))

@@ -160,8 +160,8 @@ pub(super) fn rig(path: &Path, tree: &Value) -> Result<Vec<RigCamera>> {
     let mut fields = Fields { path, unit_m: 1.0 };
     if let Some(Value::Text(unit)) = tree.get(&["units", "unit"]) {
         fields.unit_m = match plain(unit).as_str() {
-            "m" | "meter" | "meters" | "metre" | "metres" => 1.0,
-            "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => 1e-3,
+            "m" | "meter" | "meters" => 1.0,
+            "mm" | "millimeter" | "millimeters" => 1e-3,
             "cm" | "centimeter" | "centimeters" => 1e-2,
             _ => return fields.refused("units", "expected m, cm or mm"),
         };
