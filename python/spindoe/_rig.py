@@ -164,5 +164,6 @@ class Rig:
 def _each(times_s: ArrayLike | Sequence[ArrayLike], count: int) -> list[list[float]]:
     """Times of each camera."""
     is_one = np.ndim(cast("Any", times_s)[0]) == 0 if len(cast("Any", times_s)) else True
-    each = [times_s] * count if is_one else list(cast("Sequence[ArrayLike]", times_s))
+    each: list[ArrayLike]
+    each = [cast("ArrayLike", times_s)] * count if is_one else list(cast("Sequence[ArrayLike]", times_s))
     return [_times(times) or [] for times in each]

@@ -201,7 +201,7 @@ impl Args {
 
 fn say_answers(seen: &[&Seen]) {
     let table = Table::new(["", "answered", "wrong by more than 20 deg"]);
-    let mut add = |name: &str, found: Vec<Option<[f64; 2]>>| {
+    let add = |name: &str, found: Vec<Option<[f64; 2]>>| {
         let answered = found.iter().flatten().count() as u64;
         let wrong = found.iter().flatten().filter(|e| e[0] > WRONG_DEG).count() as u64;
         row!(
