@@ -53,7 +53,7 @@ const ADJACENT: f64 = 1.5;
 /// What a tracker remembers, and how it uses it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackerConfig {
-    /// How frames help each other; [`SequenceConfig::neighbors`] is not used.
+    /// How frames help each other.
     pub sequence: SequenceConfig,
     /// Number of poses in the window.
     pub window: usize,
