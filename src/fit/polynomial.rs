@@ -25,7 +25,7 @@ pub(crate) struct Reweighting {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ValueAtZero {
     pub value: f64,
-    /// The median deviation of the values from the polynomial.
+    /// The median deviation of the values from the polynomial before, by which they were weighed.
     pub scatter: f64,
     /// Variance of the value over that of one of those that it is fitted to.
     pub variance: f64,
@@ -34,49 +34,38 @@ pub(crate) struct ValueAtZero {
 impl Reweighting {
     /// The value at time 0 of the polynomial of `N` coefficients through `(t, y)`; `None` where these do not fix it.
     pub fn value_at_zero<const N: usize>(&self, points: &[(f64, f64)]) -> Option<ValueAtZero> {
-        let mut deviations = Vec::with_capacity(points.len());
-        // What a value counts for, by how far those of all are off.
-        let mut weigh = |off: &dyn Fn(&(f64, f64)) -> f64, weights: &mut Vec<f64>| {
-            deviations.clear();
-            deviations.extend(points.iter().map(|p| off(p).abs()));
-            let (_, scatter, _) =
-                deviations.select_nth_unstable_by(points.len() / 2, f64::total_cmp);
-            let scatter = *scatter;
-            let reach = self.reach * scatter.max(self.least);
-            weights.clear();
-            weights.extend(points.iter().map(|p| biweight(off(p) / reach)));
-            scatter
-        };
         if points.len() < N {
             return None;
         }
-        let mut weights = vec![1.0; points.len()];
-        if self.starts_level {
+        let mut by_power = self.starts_level.then(|| {
             let mut values: Vec<f64> = points.iter().map(|p| p.1).collect();
-            let middle = median(&mut values);
-            weigh(&|p| p.1 - middle, &mut weights);
-        }
+            let mut level = SVector::<f64, N>::zeros();
+            level[0] = median(&mut values);
+            level
+        });
+        let mut deviations = Vec::with_capacity(points.len());
         let mut found = None;
         for _ in 0..self.fits {
+            let off = |(t, y): &(f64, f64)| {
+                let at = |c: &SVector<f64, N>| c.dot(&SVector::from(powers(*t)));
+                by_power.as_ref().map_or(0.0, |c| y - at(c))
+            };
+            deviations.clear();
+            deviations.extend(points.iter().map(|p| off(p).abs()));
+            let scatter = median(&mut deviations);
+            let reach = self.reach * scatter.max(self.least);
             let mut sums = Sums::<N>::default();
-            for ((t, y), weight) in points.iter().zip(&weights) {
-                sums.add(&powers(*t), *y, *weight);
+            for point in points {
+                sums.add(&powers(point.0), point.1, biweight(off(point) / reach));
             }
             let factor = sums.symmetric().cholesky()?;
-            let by_power = factor.solve(&SVector::from(sums.gradient));
-            let at = |t: f64| {
-                powers::<N>(t)
-                    .iter()
-                    .zip(by_power.iter())
-                    .map(|(p, c)| p * c)
-                    .sum::<f64>()
-            };
-            let scatter = weigh(&|p| p.1 - at(p.0), &mut weights);
+            let fitted = factor.solve(&SVector::from(sums.gradient));
             found = Some(ValueAtZero {
-                value: by_power[0],
+                value: fitted[0],
                 scatter,
                 variance: factor.inverse()[(0, 0)],
             });
+            by_power = Some(fitted);
         }
         found
     }
