@@ -17,7 +17,7 @@ const VIEWS: usize = 600;
 /// A face on the surface.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Laid {
-    /// SurfaceMap to view frame.
+    /// Surface to view frame.
     pub rotation: Rotation,
     /// Correlation of what is seen with the surface.
     pub agreement: f64,

@@ -46,7 +46,7 @@ const SYSTEMATIC: f64 = 0.012;
 /// A frame on the surface.
 #[derive(Debug, Clone, Copy)]
 pub struct PaintedPose {
-    /// SurfaceMap to camera frame, or to the view frame where the intrinsics are not known.
+    /// Surface to camera frame, or to the view frame where the intrinsics are not known.
     pub rotation: Rotation,
     /// Covariance of the small rotation that leads from it to the true one, in the same frame, rad^2.
     pub covariance: Matrix3<f64>,

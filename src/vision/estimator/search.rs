@@ -223,12 +223,15 @@ impl Estimator {
         self.detector
             .detect_into(&ws.patch, &mut ws.detector, &mut out.dots);
         let expected: f64 = out.dots.iter().map(|d| d.probability).sum();
-        let found = out.dots.iter().filter(|d| d.probability >= LIKELY_DOT);
-        let (found, needed) = (found.count(), MIN_LIKELY_DOTS);
+        let is_bare = expected < LEAST_DOTS;
+        if is_bare {
+            let found = out.dots.iter().filter(|d| d.probability >= LIKELY_DOT);
+            let (found, needed) = (found.count(), MIN_LIKELY_DOTS);
+            out.outcome = Err(FrameRejection::TooFewDots { found, needed });
+        }
         out.dots.clear();
-        out.outcome = Err(FrameRejection::TooFewDots { found, needed });
         ws.spending.timings.detect += begun.elapsed();
-        expected < LEAST_DOTS
+        is_bare
     }
 
     /// Tries a ball below the minimum radius, where nothing else looked like a ball; without a sure pose, nothing changes.
