@@ -285,7 +285,6 @@ impl BallsEstimator {
             }
             for is_added in [true, false] {
                 let outline = (OutlinePrior::given(circle), Standing::Likely);
-                let mut again = FrameEstimate::default();
                 let workspace = &mut ws.workspaces[ball.table];
                 workspace.covers.clone_from(&covers);
                 workspace.covers_add = is_added;
@@ -293,7 +292,7 @@ impl BallsEstimator {
                     spent: ball.frame.attempts(),
                     ..*budget
                 };
-                self.estimate_at(image, ball.table, outline, &budget, ws, &mut again);
+                let again = self.estimate_at(image, ball.table, outline, &budget, ws);
                 ws.workspaces[ball.table].covers.clear();
                 if again.pose().is_some() && is_evident(&again) {
                     let mut ball = BallEstimate {

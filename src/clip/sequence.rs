@@ -85,9 +85,9 @@ struct Neighbor {
 }
 
 impl Neighbor {
-    fn of(frame: usize, time_s: f64, estimate: &FrameEstimate, trusted: f64) -> Option<Self> {
+    fn of(frame: usize, time_s: f64, estimate: &FrameEstimate) -> Option<Self> {
         let pose = estimate.pose()?;
-        (!pose.hinted && pose.confidence >= trusted).then_some(Self {
+        (!pose.hinted && pose.confidence >= TRUSTED).then_some(Self {
             frame,
             circle: estimate.circle?,
             measurement: measurement(time_s, pose.rotation, pose.confidence),
@@ -105,7 +105,7 @@ pub fn frames_in_doubt(
     let numbered = times_s.iter().zip(frames).enumerate();
     let trusted: Vec<Neighbor> = numbered
         .clone()
-        .filter_map(|(k, (time_s, frame))| Neighbor::of(k, *time_s, frame, TRUSTED))
+        .filter_map(|(k, (time_s, frame))| Neighbor::of(k, *time_s, frame))
         .collect();
     let mut fitter = RobustEstimator::new(config.spin);
     let doubt = |(k, (time_s, frame)): (usize, (&f64, &FrameEstimate))| {

@@ -57,6 +57,7 @@ pub struct Arguments {
     /// camchain, or a transform of each as ROS' tf has it. The inputs are then one folder or video for each camera, in the file's order. Frames of
     /// one time are one measurement, in the first camera's frame.
     #[arg(long, value_name = "RIG.yaml", conflicts_with_all = ONE_CAMERA)]
+    #[cfg_attr(feature = "plot", arg(conflicts_with_all = ["overlay", "report"]))]
     pub(super) rig: Option<PathBuf>,
     #[command(flatten)]
     pub(super) asked: Asked,
@@ -121,25 +122,6 @@ pub struct Arguments {
 }
 
 /// What is of one camera's picture, or not for several cameras.
-#[cfg(feature = "plot")]
-const ONE_CAMERA: [&str; 15] = [
-    "intrinsics",
-    "camera_distance_radii",
-    "circle",
-    "roi",
-    "balls",
-    "strobe_ms",
-    "preset",
-    "calibrate",
-    "exposure_ms",
-    "readout_ms",
-    "painted",
-    "write_surface",
-    "no_verdict",
-    "overlay",
-    "report",
-];
-#[cfg(not(feature = "plot"))]
 const ONE_CAMERA: [&str; 13] = [
     "intrinsics",
     "camera_distance_radii",

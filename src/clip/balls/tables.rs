@@ -27,9 +27,7 @@ impl BallsEstimator {
             let is_by_best = ball.table == best && ball.frame.pose().is_some();
             if let Some(circle) = ball.circle().filter(|_| !is_by_best) {
                 let likely = (OutlinePrior::given(circle), Standing::Likely);
-                let mut again = FrameEstimate::default();
-                self.estimate_at(image, best, likely, budget, ws, &mut again);
-                ball.frame = again;
+                ball.frame = self.estimate_at(image, best, likely, budget, ws);
             } else if let Ok(pose) = &mut ball.frame.outcome {
                 // Its own share of the table is in its confidence.
                 pose.confidence /= ball.tables[best];
@@ -92,14 +90,13 @@ impl BallsEstimator {
         budget: &Budget,
         ws: &mut BallsWorkspace<'_>,
     ) -> BallEstimate {
-        let mut frame = FrameEstimate::default();
         if ws.scorers.is_empty() {
-            self.estimate_at(image, 0, (outline, standing), budget, ws, &mut frame);
+            let frame = self.estimate_at(image, 0, (outline, standing), budget, ws);
             return self.with_table(image, 0, frame, budget, ws);
         }
         // The dots are the same for all tables: what is spent on one of them is of no use where the ball carries another.
         let doubtful = (outline, Standing::Doubtful);
-        self.estimate_at(image, 0, doubtful, budget, ws, &mut frame);
+        let frame = self.estimate_at(image, 0, doubtful, budget, ws);
         let ball = self.with_table(image, 0, frame, budget, ws);
         let is_open = ball.frame.pose().is_none() && ball.likely_dots() >= WORTHWHILE;
         match standing == Standing::Likely && is_open {
@@ -108,6 +105,7 @@ impl BallsEstimator {
         }
     }
 
+    /// The ball at an outline by one table.
     pub(super) fn estimate_at(
         &self,
         image: ImageView<'_>,
@@ -115,14 +113,15 @@ impl BallsEstimator {
         (outline, standing): (OutlinePrior, Standing),
         budget: &Budget,
         ws: &mut BallsWorkspace<'_>,
-        frame: &mut FrameEstimate,
-    ) {
+    ) -> FrameEstimate {
         let prior = Prior {
             outline: Some(outline),
             ..Prior::default()
         };
         let (estimator, workspace) = (&self.estimators[table], &mut ws.workspaces[table]);
-        estimator.estimate_standing(image, &prior, standing, budget, workspace, frame);
+        let mut frame = FrameEstimate::default();
+        estimator.estimate_standing(image, &prior, standing, budget, workspace, &mut frame);
+        frame
     }
 
     /// The table that explains a ball's dots best, and its estimate by that table; `frame` is that by `table`.
@@ -154,9 +153,7 @@ impl BallsEstimator {
         let is_by_best = best == table && ball.frame.pose().is_some();
         if let Some(circle) = outline.filter(|_| !is_by_best) {
             let likely = (OutlinePrior::given(circle), Standing::Likely);
-            let mut again = FrameEstimate::default();
-            self.estimate_at(image, best, likely, budget, ws, &mut again);
-            ball.frame = again;
+            ball.frame = self.estimate_at(image, best, likely, budget, ws);
         } else if best != table {
             ball.frame.reject_pose();
         }
@@ -173,12 +170,10 @@ impl BallsEstimator {
         ws: &mut BallsWorkspace<'_>,
     ) -> BallEstimate {
         let likely = (outline, Standing::Likely);
-        let mut frames = Vec::with_capacity(self.estimators.len());
-        for table in 0..self.estimators.len() {
-            let mut frame = FrameEstimate::default();
-            self.estimate_at(image, table, likely, budget, ws, &mut frame);
-            frames.push(frame);
-        }
+        let all = 0..self.estimators.len();
+        let mut frames: Vec<FrameEstimate> = all
+            .map(|table| self.estimate_at(image, table, likely, budget, ws))
+            .collect();
         let scored = ws.scorers.iter_mut().zip(&frames);
         let weights: Vec<f64> = scored.map(|(s, f)| s.score(f).weight()).collect();
         let tables = shares(&weights);
