@@ -112,6 +112,22 @@ pub fn rotation_angle(a: &Rotation, b: &Rotation) -> f64 {
     a.angle_to(b)
 }
 
+/// The volume of SO(3) in rotation vectors near the identity.
+pub(crate) const ROTATIONS: f64 = 8.0 * std::f64::consts::PI * std::f64::consts::PI;
+
+/// A step from `center` towards the weighted mean of rotations near it, each with its weight: it leaves about the square of the angle.
+pub(crate) fn toward_mean(
+    center: &Rotation,
+    weighted: impl Iterator<Item = (Rotation, f64)>,
+) -> Rotation {
+    let (mut sum, mut total) = (Vec3::zeros(), 0.0);
+    for (rotation, weight) in weighted {
+        sum += (rotation * center.inverse()).scaled_axis() * weight;
+        total += weight;
+    }
+    Rotation::from_scaled_axis(sum / total) * center
+}
+
 /// A rotation uniform on SO(3) (K. Shoemake, "Uniform random rotations", Graphics Gems III, 1992).
 pub fn random_rotation<R: Rng + ?Sized>(rng: &mut R) -> Rotation {
     use std::f64::consts::TAU;

@@ -182,6 +182,9 @@ pub fn median(values: &mut [f64]) -> f64 {
     }
 }
 
+/// No agreement makes an answer surer: what several see may be another thing, for all of them alike.
+pub(crate) const SUREST: f64 = 0.9999;
+
 /// The probability of an answer that several have given, independently, each right with its own probability: `agreeing` are those of the
 /// ones that gave it, `others` those of the ones that gave another one each, `chance` the probability that a wrong answer agrees with it
 /// by accident.

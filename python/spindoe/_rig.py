@@ -5,19 +5,18 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._common import Floats, Frame, Progress, Rejection, floats, progress_of, settings_json
-from ._frame import Camera, frame_of
+from ._common import Floats, Progress, floats, progress_of, settings_json
+from ._frame import Camera
 from ._image import Color, Image, frames_of
 from ._pattern import HashTable, PathLike, Tabled, as_table
-from ._sequence import SequenceEstimate
-from ._spin import spin_of
+from ._sequence import SequenceEstimate, sequence_of
 from ._vision import EstimatorSettings, _times
 
 if TYPE_CHECKING:
@@ -141,21 +140,8 @@ class Rig:
                 bar.close()
         for doubt in doubts:
             warnings.warn(doubt, stacklevel=2)
-        answer = Rejection("there are no times, or only one") if spin is None else spin_of(spin)
-        quaternions, covariances, turns, frame = rows
-        return SequenceEstimate(
-            [frame_of(f) for f in found],
-            answer,
-            independently,
-            quaternions,
-            covariances,
-            turns,
-            cast("Frame", frame),
-            seen_s,
-            cameras=cameras,
-            chi2=chi2,
-            notes=(*doubts, *notes),
-        )
+        together = sequence_of(found, independently, rows, spin, seen_s)
+        return replace(together, cameras=cameras, chi2=chi2, notes=(*doubts, *notes))
 
     def __repr__(self) -> str:
         return f"<Rig: {', '.join(camera.name for camera in self.cameras)}>"

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from . import _html
 from ._common import Floats, Frame, Ints, Rejection, optional, write_whole
 from ._fictrac import FicTracPath, fictrac
-from ._frame import FrameEstimate, Pose
+from ._frame import FrameEstimate, Pose, frame_of
 from ._native import __version__
 from ._pattern import PathLike
-from ._spin import Alias, Spin, SpinCurve
+from ._spin import Alias, Spin, SpinCurve, spin_of
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -184,6 +184,15 @@ class SequenceEstimate:
     def __repr__(self) -> str:
         posed = sum(bool(frame.pose) for frame in self.frames)
         return f"<SequenceEstimate: {posed} of {len(self.frames)} frames, {self.spin!r}>"
+
+
+def sequence_of(found: list[Any], independently: int, rows: tuple[Any, ...], spin: Any, times_s: Floats | None) -> SequenceEstimate:
+    """What the library found: frames, how many of them alone, the rows of its file, and the spin where there are times."""
+    quaternions, covariances, turns, frame = rows
+    answer = Rejection("there are no times, or only one") if spin is None else spin_of(spin)
+    return SequenceEstimate(
+        [frame_of(f) for f in found], answer, independently, quaternions, covariances, turns, frame, times_s
+    )
 
 
 def _column(shape: tuple[int, ...], rows: list[Any]) -> Floats:

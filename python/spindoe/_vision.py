@@ -7,19 +7,19 @@ import math
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypedDict, cast
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._calibrate import Calibration, calibration_of
-from ._common import Frame, Progress, Rejection, floats, progress_of, settings_json, triple, whole
+from ._common import Progress, Rejection, floats, progress_of, settings_json, triple, whole
 from ._frame import Camera, FrameEstimate, frame_of
 from ._image import Color, Image, frames_of, pixels
 from ._pattern import HashTable, PathLike, Tabled, as_table
 from ._recognize import Hint
-from ._sequence import SequenceEstimate
+from ._sequence import SequenceEstimate, sequence_of
 from ._spin import Spin, spin_of
 
 if TYPE_CHECKING:
@@ -204,18 +204,7 @@ class Estimator:
         finally:
             if bar is not None:
                 bar.close()
-        answer = Rejection("there are no times, or only one") if spin is None else spin_of(spin)
-        quaternions, covariances, turns, frame = rows
-        return SequenceEstimate(
-            [frame_of(f) for f in found],
-            answer,
-            independently,
-            quaternions,
-            covariances,
-            turns,
-            cast("Frame", frame),
-            None if times is None else np.array(times),
-        )
+        return sequence_of(found, independently, rows, spin, None if times is None else np.array(times))
 
     def calibrate(
         self,

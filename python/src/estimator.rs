@@ -395,11 +395,7 @@ impl Estimator {
         let config: EstimatorConfig = overlay(&defaults, settings)?;
         let detector = dot_detector(detector, weights)?;
         let inner = spindoe::Estimator::for_ball(&table.0, config, detector).or_raise()?;
-        Ok(Self {
-            inner: Arc::new(inner),
-            design: table.0.design().cloned(),
-            slots: Mutex::new(Vec::new()),
-        })
+        Ok(Self::of(inner, table.0.design().cloned()))
     }
 
     /// The settings in use, as JSON.

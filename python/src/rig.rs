@@ -7,7 +7,7 @@ use nalgebra::Matrix3;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use spindoe::Vec3;
-use spindoe::clip::{CameraClip, Fusion, RigConfig, RigOutcome, combine};
+use spindoe::clip::{CameraClip, RigConfig, RigOutcome, combine};
 use spindoe::geometry::CameraFrame;
 use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{Camera, EstimatorConfig, Extrinsics, RigCamera};
@@ -225,12 +225,8 @@ impl Rig {
             .map(|f| frame_tuple(py, &f.estimate))
             .collect();
         let cameras: Vec<i64> = frames.clone().map(|f| f.cameras as i64).collect();
-        let chi2 = frames.map(|f| match f.fusion {
-            Fusion::Fused { chi2, freedom }
-            | Fusion::Chosen { chi2, freedom }
-            | Fusion::Disagreed { chi2, freedom } => chi2 / freedom.max(1) as f64,
-            Fusion::Single | Fusion::Unanswered => f64::NAN,
-        });
+        let misfit = frames.map(|f| f.fusion.misfit());
+        let chi2 = misfit.map(|m| m.map_or(f64::NAN, |m| m.chi2 / m.freedom.max(1) as f64));
         let chi2: Vec<f64> = chi2.collect();
         let names = self.rig.names();
         let agreement = outcome.agreement.iter().zip(&names[1..]);

@@ -36,8 +36,8 @@ pub use judgment::Judgment;
 pub use orientations::{NamedFrame, orientations};
 pub use painted::SurfaceObserver;
 pub use rig::{
-    CameraAgreement, CameraClip, ClockCheck, Fusion, RigClip, RigConfig, RigDoubt, RigFrame,
-    RigOutcome, combine, run_rig,
+    CameraAgreement, CameraClip, ClockCheck, Fusion, Misfit, RigClip, RigConfig, RigDoubt,
+    RigFrame, RigOutcome, combine, run_rig,
 };
 pub use rolling::{SequenceRows, seen_times};
 pub use run::run;

@@ -16,17 +16,13 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use super::Measurement;
-use crate::geometry::Vec3;
-use crate::stats::consensus;
+use crate::geometry::{ROTATIONS, toward_mean};
+use crate::stats::{SUREST, consensus};
 
 /// The quantile of chi-square with three degrees of freedom that two measurements of one orientation exceed once in a thousand times.
 const APART: f64 = 16.266;
 /// Steps of the mean: each leaves the square of the angle.
 const STEPS: usize = 4;
-/// No agreement makes a measurement surer: a frame may be another ball's, for all cameras alike.
-const SUREST: f64 = 0.9999;
-/// The volume of SO(3) in rotation vectors near the identity.
-const VOLUME: f64 = 8.0 * std::f64::consts::PI * std::f64::consts::PI;
 
 /// A sequence with one measurement a time.
 #[derive(Debug, Clone)]
@@ -110,14 +106,12 @@ fn merged(same: &[Measurement], sigma_rad: f64) -> Measurement {
     let total: f64 = agreeing.iter().map(|m| weight(m)).sum();
     let mut orientation = surest.orientation;
     for _ in 0..STEPS {
-        let off =
-            |m: &&Measurement| (m.orientation * orientation.inverse()).scaled_axis() * weight(m);
-        let step: Vec3 = agreeing.iter().map(off).sum::<Vec3>() / total;
-        orientation = crate::geometry::Rotation::from_scaled_axis(step) * orientation;
+        let weighted = agreeing.iter().map(|m| (m.orientation, weight(m)));
+        orientation = toward_mean(&orientation, weighted);
     }
     let confidences = |of: &[&Measurement]| of.iter().map(|m| m.confidence).collect::<Vec<f64>>();
     let reach = (2.0 * APART).sqrt() * sigma_rad * surest.sigma_scale;
-    let chance = (4.0 / 3.0 * std::f64::consts::PI * reach.powi(3) / VOLUME).min(1.0);
+    let chance = (4.0 / 3.0 * std::f64::consts::PI * reach.powi(3) / ROTATIONS).min(1.0);
     let sure = consensus(&confidences(&agreeing), &confidences(&others), chance);
     Measurement {
         time_s: surest.time_s,
@@ -130,7 +124,7 @@ fn merged(same: &[Measurement], sigma_rad: f64) -> Measurement {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Rotation;
+    use crate::geometry::{Rotation, Vec3};
 
     fn at(time_s: f64, angle: f64, confidence: f64) -> Measurement {
         Measurement {

@@ -194,11 +194,9 @@ fn add(json: &mut Value, clip: &RigClip<super::Picture>, names: &[&str]) {
         if frame.cameras > 0 {
             (json["dots"], json["matched"]) = (seen.into(), named.into());
         }
-        if let Fusion::Fused { chi2, freedom }
-        | Fusion::Chosen { chi2, freedom }
-        | Fusion::Disagreed { chi2, freedom } = frame.fusion
-        {
-            (json["chi2"], json["chi2_freedom"]) = (chi2.into(), freedom.into());
+        if let Some(misfit) = frame.fusion.misfit() {
+            json["chi2"] = misfit.chi2.into();
+            json["chi2_freedom"] = misfit.freedom.into();
         }
     }
 }

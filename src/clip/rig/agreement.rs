@@ -19,7 +19,7 @@ use std::f64::consts::TAU;
 
 use super::fuse::{Reading, Widening, fuse};
 use super::pairs::{Group, Track, by_time, reach_s, step_s};
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::{Rotation, Vec3, toward_mean};
 use crate::stats::median;
 
 /// Turns and places below these are those of calibrations: they are counted as errors. Beyond they are wrong.
@@ -194,12 +194,9 @@ fn common(differences: &[(Rotation, f64)], turned_rad: f64) -> Option<Common> {
     for _ in 0..4 {
         let within: Vec<_> = differences.iter().filter(|d| near(&center, d)).collect();
         compared = within.len();
-        let total: f64 = within.iter().map(|(_, v)| 1.0 / v.max(1e-12)).sum();
-        let off = |(rotation, v): &&(Rotation, f64)| {
-            (rotation * center.inverse()).scaled_axis() / v.max(1e-12)
-        };
-        let step: Vec3 = within.iter().map(off).sum::<Vec3>() / total;
-        center = Rotation::from_scaled_axis(step) * center;
+        let weight = |v: f64| 1.0 / v.max(1e-12);
+        let total: f64 = within.iter().map(|(_, v)| weight(*v)).sum();
+        center = toward_mean(&center, within.iter().map(|(r, v)| (*r, weight(*v))));
         let squares = within.iter().map(|(r, _)| r.angle_to(&center).powi(2));
         let scattered = squares.sum::<f64>() / 3.0 / (compared.max(2) - 1) as f64;
         let stated = compared as f64 / total;
@@ -231,7 +228,7 @@ fn differences(first: &Track, other: &Track) -> Vec<(Rotation, f64)> {
     }
     let groups = paired(first, other);
     let both = groups.iter().filter_map(|group| {
-        let (a, b) = members(group, first, other)?;
+        let [(_, a), (_, b)] = members(group, first, other)?;
         Some((
             b.rotation? * a.rotation?.inverse(),
             variance(a) + variance(b),
@@ -247,15 +244,16 @@ fn paired(first: &Track, other: &Track) -> Vec<Group> {
     by_time(&times, reach)
 }
 
+/// What both say at one time, each with its own.
 fn members<'a>(
     group: &Group,
     first: &'a Track,
     other: &'a Track,
-) -> Option<(&'a Reading, &'a Reading)> {
+) -> Option<[&'a (f64, Reading); 2]> {
     let [Some(a), Some(b)] = group.members[..] else {
         return None;
     };
-    Some((&first.readings[a].1, &other.readings[b].1))
+    Some([&first.readings[a], &other.readings[b]])
 }
 
 /// How far apart two cameras see the ball at the same times.
@@ -386,7 +384,8 @@ pub(super) fn compare(first: &Track, other: &Track) -> Option<Compared> {
             evident_gap.map_or(0.0, |a| a.mean_m.norm_squared() / 3.0),
         ],
     };
-    let later = other.clone().delayed(delay_s);
+    let mut later = other.clone();
+    later.delay(delay_s);
     widening.factors = factors(first, &later, &widening);
     Some(Compared {
         agreement: CameraAgreement {
@@ -406,20 +405,12 @@ pub(super) fn compare(first: &Track, other: &Track) -> Option<Compared> {
 /// How much larger the differences of rotations and of centers are than stated: by their medians, which wrong frames do not move.
 fn factors(first: &Track, other: &Track, widening: &Widening) -> [f64; 2] {
     let groups = paired(first, other);
-    let times = |group: &Group| -> Option<(f64, f64)> {
-        let [Some(a), Some(b)] = group.members[..] else {
-            return None;
-        };
-        Some((first.readings[a].0, other.readings[b].0))
-    };
     let mut of_turns = Vec::new();
     let mut of_centers = Vec::new();
-    for group in &groups {
-        let (Some((a, b)), Some((at, seen))) = (members(group, first, other), times(group)) else {
-            continue;
-        };
+    let both = groups.iter().filter_map(|g| members(g, first, other));
+    for [(at, a), (seen, b)] in both {
         let later = first
-            .drift(at)
+            .drift(*at)
             .map_or(*b, |drift| b.moved(at - seen, &drift));
         let later = later.widened(&Widening {
             factors: [1.0; 2],

@@ -16,7 +16,7 @@
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector6};
 
-use crate::geometry::{Position, Rotation, Vec3};
+use crate::geometry::{Position, ROTATIONS, Rotation, Vec3};
 use crate::vision::frame::estimate::{FrameEstimate, Pose};
 use crate::vision::optics::rig::Extrinsics;
 
@@ -24,8 +24,6 @@ use crate::vision::optics::rig::Extrinsics;
 const STEPS: usize = 5;
 /// The normal quantile that one in a thousand exceeds.
 const Z999: f64 = 3.090_232;
-/// The volume of SO(3) in rotation vectors near the identity.
-const VOLUME: f64 = 8.0 * std::f64::consts::PI * std::f64::consts::PI;
 
 /// What one camera says of a ball, in the rig's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -248,7 +246,7 @@ pub(super) fn fuse(readings: &[Reading]) -> Option<Fused> {
 pub(super) fn chance(readings: &[Reading]) -> f64 {
     let sum: Matrix3<f64> = readings.iter().map(|r| r.block(0, 0)).sum();
     let ball = 4.0 / 3.0 * std::f64::consts::PI * quantile_999(3).powf(1.5);
-    (ball * sum.determinant().max(0.0).sqrt() / VOLUME).min(1.0)
+    (ball * sum.determinant().max(0.0).sqrt() / ROTATIONS).min(1.0)
 }
 
 /// A pose of a rig, of what the surest of its cameras found.

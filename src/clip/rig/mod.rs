@@ -30,10 +30,9 @@ use self::pairs::{Group, Track, by_number, by_time, reach_s, step_s};
 use super::sequence::{ImageResults, ImageWork, SequenceConfig, TRUSTED, estimate_spin};
 use crate::error::{Error, Result};
 use crate::geometry::CameraFrame;
-use crate::spin::Fit;
-use crate::spin::SpinRejection;
 use crate::spin::orientations::{BallColumns, Orientations};
-use crate::stats::consensus;
+use crate::spin::{Fit, SpinRejection};
+use crate::stats::{SUREST, consensus};
 use crate::vision::estimator::Estimator;
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
@@ -85,6 +84,15 @@ pub enum Fusion {
     },
     /// No camera has an orientation.
     Unanswered,
+}
+
+/// How well the cameras of one time agree.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Misfit {
+    /// Their squared differences over the variances.
+    pub chi2: f64,
+    /// Degrees of freedom.
+    pub freedom: usize,
 }
 
 /// A time of a rig.
@@ -214,6 +222,18 @@ struct Assembly<'a> {
     settled: usize,
 }
 
+impl Joined {
+    /// No orientation.
+    fn without(fusion: Fusion, reading: Option<Reading>) -> Self {
+        Self {
+            fusion,
+            used: Vec::new(),
+            reading,
+            confidence: 0.0,
+        }
+    }
+}
+
 impl<'a> Assembly<'a> {
     fn new(rig: &'a Rig, config: &'a RigConfig, clips: &[CameraClip<'_>]) -> Self {
         let count = clips.len();
@@ -255,7 +275,9 @@ impl<'a> Assembly<'a> {
             this.widenings[0].factors = [mean(0), mean(1)];
         }
         doubt::of_rig(&mut this, clips);
-        this.tracks = this.tracks_of(clips);
+        for (track, compared) in this.tracks.iter_mut().zip(&this.compared) {
+            track.delay(compared.map_or(0.0, |c| c.delay_s));
+        }
         this
     }
 
@@ -279,7 +301,9 @@ impl<'a> Assembly<'a> {
             });
             let fit = self.spin_of(k, clip);
             let readings = posed.collect();
-            Track { readings, fit }.delayed(self.delays_s[k])
+            let mut track = Track { readings, fit };
+            track.delay(self.delays_s[k]);
+            track
         };
         clips.iter().enumerate().map(track).collect()
     }
@@ -372,12 +396,7 @@ impl<'a> Assembly<'a> {
         };
         let used = agreeing.iter().map(|(k, _)| *k).collect();
         if matches!(fusion, Fusion::Disagreed { .. }) {
-            return Joined {
-                fusion,
-                used: Vec::new(),
-                reading: None,
-                confidence,
-            };
+            return Joined::without(fusion, None);
         }
         let outlines = readings.iter().filter(|(_, r)| r.rotation.is_none());
         let reading = with_centers(fused, outlines.map(|(_, r)| *r));
@@ -393,26 +412,16 @@ impl<'a> Assembly<'a> {
     fn centers(&self, readings: &[(usize, Reading)]) -> Joined {
         let all: Vec<Reading> = readings.iter().map(|(_, r)| *r).collect();
         let fused = fuse(&all).filter(Fused::agrees);
-        Joined {
-            fusion: Fusion::Unanswered,
-            used: Vec::new(),
-            reading: fused.map(|fused| fused.reading),
-            confidence: 0.0,
-        }
+        Joined::without(Fusion::Unanswered, fused.map(|fused| fused.reading))
     }
 
     fn outcome(self, clips: &[CameraClip<'_>]) -> RigOutcome {
         let is_contradicted = self.is_contradicted();
         let frames = self.groups(clips).into_iter().map(|group| {
-            let mut joined = self.join(&self.readings(&group, clips));
-            if is_contradicted {
-                joined = Joined {
-                    fusion: Fusion::Unanswered,
-                    used: Vec::new(),
-                    reading: None,
-                    confidence: 0.0,
-                };
-            }
+            let joined = match is_contradicted {
+                true => Joined::without(Fusion::Unanswered, None),
+                false => self.join(&self.readings(&group, clips)),
+            };
             self.frame(group, &joined, clips)
         });
         let frames = frames.collect();
@@ -428,7 +437,7 @@ impl<'a> Assembly<'a> {
     /// A frame of what the cameras say together.
     fn frame(&self, group: Group, joined: &Joined, clips: &[CameraClip<'_>]) -> RigFrame {
         let member = |k: usize| group.members[k].map(|frame| &clips[k].frames[frame]);
-        let all = || (0..clips.len()).filter_map(member);
+        let all = (0..clips.len()).filter_map(member);
         let mut estimate = member(0).cloned().unwrap_or_default();
         let posed = joined.used.iter().filter_map(|k| member(*k)?.pose());
         let surest = posed.reduce(|a, b| if b.confidence > a.confidence { b } else { a });
@@ -441,11 +450,8 @@ impl<'a> Assembly<'a> {
             }
             (None, _) if self.is_contradicted() => Err(FrameRejection::CamerasContradict),
             (None, _) => {
-                let reasons = all().filter_map(|frame| frame.outcome.err());
-                Err(reasons
-                    .into_iter()
-                    .next()
-                    .unwrap_or(FrameRejection::NotProcessed))
+                let mut reasons = all.filter_map(|frame| frame.outcome.err());
+                Err(reasons.next().unwrap_or(FrameRejection::NotProcessed))
             }
         };
         estimate.outline_position = joined.reading.and_then(|reading| reading.position());
@@ -499,8 +505,17 @@ fn confidence(agreeing: &[(usize, Reading)], others: &[Reading]) -> f64 {
     consensus(&free, &others, chance(&readings)).min(SUREST)
 }
 
-/// No agreement makes an orientation surer: cameras may see another ball alike.
-const SUREST: f64 = 0.9999;
+impl Fusion {
+    /// How well several cameras agree.
+    pub fn misfit(&self) -> Option<Misfit> {
+        match *self {
+            Self::Fused { chi2, freedom }
+            | Self::Chosen { chi2, freedom }
+            | Self::Disagreed { chi2, freedom } => Some(Misfit { chi2, freedom }),
+            Self::Single | Self::Unanswered => None,
+        }
+    }
+}
 
 impl RigOutcome {
     /// Frames with an orientation.

@@ -99,14 +99,12 @@ pub(super) struct Track {
 }
 
 impl Track {
-    /// The same by a clock that is this much ahead.
-    #[must_use]
-    pub fn delayed(mut self, by_s: f64) -> Self {
+    /// Adds to all times.
+    pub fn delay(&mut self, by_s: f64) {
         self.readings.iter_mut().for_each(|(t, _)| *t += by_s);
         if let Some(fit) = &mut self.fit {
             fit.motion.time_s += by_s;
         }
-        self
     }
 
     pub fn times_s(&self) -> Vec<f64> {

@@ -5,12 +5,12 @@
 //! explanation whose own rotation has the covariance `H^-1` is multiplied by this prior's density
 //! over the uniform one, `(1 - wrong) 8 pi^2 N(e; 0, C + H^-1) + wrong`.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Rotation3};
 
 use super::model::Dot;
-use crate::geometry::Rotation;
+use crate::geometry::{ROTATIONS, Rotation};
 use crate::recognize::Hint;
 
 /// Maximum widening of the dots' variances for the first assignment from the hint's rotation.
@@ -62,7 +62,7 @@ impl Prior {
         };
         let root_det = factor.l_dirty().diagonal().product();
         let distance = e.dot(&factor.solve(&e));
-        let peak = 8.0 * PI * PI / (TAU.powf(1.5) * root_det);
+        let peak = ROTATIONS / (TAU.powf(1.5) * root_det);
         ((1.0 - self.wrong) * peak * (-0.5 * distance).exp() + self.wrong).ln()
     }
 }
@@ -72,6 +72,7 @@ mod tests {
     use super::*;
     use crate::geometry::{Vec3, random_direction, random_rotation};
     use rand::SeedableRng;
+    use std::f64::consts::PI;
 
     /// The prior at rotations that are known angles off, against the density written out.
     #[test]
@@ -85,7 +86,7 @@ mod tests {
                 let moved = Rotation::from_scaled_axis(axis * angle) * rotation;
                 let found = prior.ln_ratio(moved.to_rotation_matrix().matrix(), None);
                 let normal = (-0.5 * (angle / sigma).powi(2)).exp() / (TAU.sqrt() * sigma).powi(3);
-                let expected = (0.95 * 8.0 * PI * PI * normal + 0.05).ln();
+                let expected = (0.95 * ROTATIONS * normal + 0.05).ln();
                 assert!(
                     (found - expected).abs() < 1e-6,
                     "{angle} about {axis}: {found}, expected {expected}"

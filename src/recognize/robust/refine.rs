@@ -12,13 +12,13 @@
 //! around it, `(2 pi)^(3/2) / (8 pi^2 sqrt(det H))`, with `H` the information matrix and a uniform
 //! prior.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Rotation3};
 
 use super::hint::Prior;
 use super::model::{Dot, FINAL_WEIGHT, MIN_GAIN, Model, SEARCH_WEIGHT};
-use crate::geometry::Vec3;
+use crate::geometry::{ROTATIONS, Vec3};
 
 /// Marks an observed dot without a pattern dot.
 pub(super) const UNASSIGNED: u16 = u16::MAX;
@@ -358,5 +358,5 @@ impl Refiner {
 /// Laplace's factor: the share of all rotations that the data leave, at most 1.
 pub(super) fn ln_volume(information: &Matrix3<f64>) -> f64 {
     let det = information.determinant().max(f64::MIN_POSITIVE);
-    (1.5 * TAU.ln() - 0.5 * det.ln() - (8.0 * PI * PI).ln()).min(0.0)
+    (1.5 * TAU.ln() - 0.5 * det.ln() - ROTATIONS.ln()).min(0.0)
 }

@@ -11,7 +11,7 @@ use nalgebra::Matrix3;
 use super::identify::{CLEAR, PoseHypothesis, in_view};
 use super::pixels::{self, WholeMatch};
 use super::trust::{PixelsEvidence, PoseEvidence, PoseSource};
-use crate::geometry::Rotation;
+use crate::geometry::{ROTATIONS, Rotation};
 use crate::recognize::Hint;
 use crate::vision::dots::detector::DotDetection;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
@@ -180,7 +180,7 @@ fn expected(hint: &Hint) -> Option<impl Fn(&Rotation) -> f64 + use<>> {
     let volume = (2.0 * PI).powf(1.5) * hint.covariance.determinant().sqrt();
     Some(move |rotation: &Rotation| {
         let off = (rotation * hint.rotation.inverse()).scaled_axis();
-        let near = (-0.5 * off.dot(&(inverse * off))).exp() * 8.0 * PI * PI / volume;
+        let near = (-0.5 * off.dot(&(inverse * off))).exp() * ROTATIONS / volume;
         ((1.0 - hint.wrong) * near + hint.wrong).ln()
     })
 }
