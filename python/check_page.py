@@ -182,19 +182,25 @@ def check_compare(page, checks, data):
 
 
 def check_estimate(page, checks, data):
-    frames = data["content"]["frames"]
-    slider = page.locator("#ball input[type=range]")
-    before = picture(page, "#ball canvas.view")
+    for ball in data["content"]["balls"]:
+        part = "" if ball["number"] is None else f"ball-{ball['number']}-"
+        check_ball(page, checks, part, ball["frames"])
+
+
+def check_ball(page, checks, part, frames):
+    """A ball of an estimate: its sections have ids that begin with `part`."""
+    slider = page.locator(f"#{part}ball input[type=range]")
+    before = picture(page, f"#{part}ball canvas.view")
     slider.focus()
     page.keyboard.press("End")
     settle(page)
-    checks.that(picture(page, "#ball canvas.view") != before, "the slider shows another frame")
-    checks.that(frames[-1]["name"] in page.locator("#ball pre").inner_text(), "and names it")
+    checks.that(picture(page, f"#{part}ball canvas.view") != before, "the slider shows another frame")
+    checks.that(frames[-1]["name"] in page.locator(f"#{part}ball pre").inner_text(), "and names it")
     # Back to a frame with an orientation, which the print shows.
     page.keyboard.press("Home")
     settle(page)
     rejected = [f for f in frames if f["rejection"]]
-    words = page.locator("#rejected").inner_text()
+    words = page.locator(f"#{part}rejected").inner_text()
     checks.that(all(f["rejection_kind"] in words for f in rejected), f"reasons of {len(rejected)} rejected frames")
 
 

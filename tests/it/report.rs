@@ -62,7 +62,8 @@ fn comparison(path: &Path) {
     std::fs::write(path, found.html(&entries, "spindoe compare a b").unwrap()).unwrap();
 }
 
-fn estimate(path: &Path) {
+/// The page of one ball, and that of two.
+fn estimate(one: &Path, two: &Path) {
     let pattern = Pattern::read_csv(&root().join("designs/dots20/pattern.csv")).unwrap();
     let detector = DetectorName::Blob.build().unwrap();
     let estimator = Estimator::new(&pattern, EstimatorConfig::default(), detector).unwrap();
@@ -119,8 +120,14 @@ fn estimate(path: &Path) {
         spin: None,
         sequence: &batch.sequence,
     };
-    let page = EstimatePage::new(&[ball], |_, _| Ok(None)).unwrap();
-    std::fs::write(path, page.html().unwrap()).unwrap();
+    let both = [0, 1].map(|number| ShownBall {
+        number: Some(number),
+        ..ball.clone()
+    });
+    for (path, balls) in [(one, &[ball][..]), (two, &both)] {
+        let page = EstimatePage::new(balls, |_, _| Ok(None)).unwrap();
+        std::fs::write(path, page.html().unwrap()).unwrap();
+    }
 }
 
 /// The folder of a calibration: dot 4 was never drawn, and the clip shows one side of the ball best.
@@ -210,10 +217,11 @@ fn pages_are_used_in_a_browser() {
         design.join("report.html"),
         dir.path().join("compare.html"),
         dir.path().join("estimate.html"),
+        dir.path().join("balls.html"),
         calibration(dir.path()).join("report.html"),
     ];
     comparison(&pages[1]);
-    estimate(&pages[2]);
+    estimate(&pages[2], &pages[3]);
     for page in &pages {
         let text = std::fs::read_to_string(page).unwrap();
         assert!(text.len() < MAX_BYTES && text.starts_with("<!doctype html>"));
