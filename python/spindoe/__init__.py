@@ -36,10 +36,10 @@ from ._recognize import (
 )
 from ._rerun import to_rerun
 from ._rig import Rig, RigCamera
-from ._sequence import SequenceEstimate
+from ._sequence import Hypothesis, SequenceEstimate, Verdict
 from ._spin import Alias, Spin, SpinCurve, fit_spin
 from ._stencil import Stencil, StencilSettings
-from ._synth import SynthSettings, Truth, synth
+from ._synth import SynthSettings, Truth, synth, synth_rig
 from ._vision import CircleSettings, Estimator, EstimatorSettings, Tracker, TrackerState
 
 __all__ = [
@@ -61,6 +61,7 @@ __all__ = [
     "GolfSpin",
     "HashTable",
     "Hint",
+    "Hypothesis",
     "Identification",
     "Identifications",
     "KeepOut",
@@ -90,6 +91,7 @@ __all__ = [
     "TrajectorySet",
     "Truth",
     "Validation",
+    "Verdict",
     "MIN_CONFIDENCE_DOTS",
     "MIN_CONFIDENCE_IMAGES",
     "__version__",
@@ -99,6 +101,7 @@ __all__ = [
     "merge",
     "read_trajectories",
     "synth",
+    "synth_rig",
     "to_rerun",
     "validate",
     "write_onnx",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._common import Floats, Rejection, floats, whole
+from ._common import Floats, Progress, Rejection, clip_asked, floats, progress_of, whole
 from ._frame import FrameEstimate, frame_of
 from ._image import Color, Image, frames_of, pixels
 from ._pattern import HashTable
@@ -134,15 +134,37 @@ class Balls:
         times_s: ArrayLike,
         *,
         color: Color | None = None,
+        roi: Sequence[int] | None = None,
+        mirrored: bool = False,
+        judge: bool = True,
         max_rps: float = 175.0,
+        progress: bool | Progress = False,
     ) -> list[list[BallEstimate]]:
-        """The balls of every frame of a sequence; each keeps its number. Times are in seconds, increasing. Balls that are
-        missing in a frame are searched where the neighboring frames predict them. A pose by another table than that of all
-        frames of its ball together is removed."""
+        """The balls of every frame of a sequence, from left to right; each keeps its number. Balls that are missing in a frame are
+        searched where the neighboring frames predict them. A pose by another table than that of all frames of its ball together is
+        removed.
+
+        Args:
+            images: The frames, as of `Estimator.estimate_sequence`.
+            times_s: Their times in seconds, increasing, shape (n,).
+            color: As in `Estimator.estimate`.
+            roi: The part of the images in which the balls are: left, top, width, height, pixels.
+            mirrored: The images are mirrored: left and right are exchanged first.
+            judge: Whether all frames of a ball together decide if one of the tables fits and the images are mirrored; a ball that none
+                fits keeps no pose.
+            max_rps: Largest spin considered, revolutions per second.
+            progress: As in `Estimator.estimate_sequence`.
+        """
         frames, order = frames_of(images, color)
         self.estimators[0]._check(frames)
         times = [float(t) for t in floats("times_s", times_s)]
-        found, _ = self._handle.estimate_sequence(frames, order, times, float(max_rps))
+        asked = clip_asked(roi=roi, mirrored=mirrored, judge=judge, max_rps=max_rps)
+        show, bar = progress_of(progress, len(frames), "frame")
+        try:
+            found = self._handle.estimate_sequence(frames, order, times, asked, show)
+        finally:
+            if bar is not None:
+                bar.close()
         return [[self._ball(ball, number) for number, ball in balls] for balls in found]
 
     def estimate_strobe(

@@ -8,7 +8,7 @@ import math
 import operator
 import os
 import uuid
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -80,6 +80,31 @@ def triple(name: str, values: ArrayLike) -> tuple[float, float, float]:
         raise ValueError(f"{name}: expected 3 numbers, found shape {array.shape}")
     x, y, z = (float(v) for v in array)
     return x, y, z
+
+
+def clip_asked(
+    *,
+    circle: ArrayLike | None = None,
+    roi: Sequence[int] | None = None,
+    mirrored: bool = False,
+    independent: bool = False,
+    judge: bool = True,
+    readout_s: float = 0.0,
+    max_rps: float,
+) -> dict[str, Any]:
+    """What is asked of a clip, as the library takes it."""
+    region = None if roi is None else [whole("roi", number) for number in roi]
+    if region is not None and (len(region) != 4 or 0 in region[2:]):
+        raise ValueError(f"roi: expected left, top, width and height, with an area, found {region}")
+    return {
+        "circle": None if circle is None else triple("circle", circle),
+        "roi": region,
+        "mirrored": bool(mirrored),
+        "independent": bool(independent),
+        "judge": bool(judge),
+        "readout_s": float(readout_s),
+        "max_rps": float(max_rps),
+    }
 
 
 def wxyz(name: str, quaternion: ArrayLike) -> tuple[float, float, float, float]:

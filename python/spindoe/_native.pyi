@@ -46,6 +46,7 @@ _Calibrated = tuple[
     str | None,
 ]
 _Camera = tuple[str, list[float]]
+_Verdict = tuple[str, int, float | None, list[tuple[int, bool, int, int, bool, float]]]
 
 __version__: str
 """The version of the package."""
@@ -85,7 +86,8 @@ def write_dataset(
     output: _Path,
     fps: float | None,
     frame: str,
-    max_rps: float,
+    asked: dict[str, Any],
+    bounces: tuple[int, float, float],
     overwrite: bool,
 ) -> str: ...
 def fictrac_rows(
@@ -239,13 +241,17 @@ class Estimator:
         images: _Sequence[Any],
         color: str,
         times_s: list[float] | None,
-        circle: tuple[float, float, float] | None,
-        independent: bool,
-        max_rps: float,
+        others: _Sequence[Estimator],
+        asked: dict[str, Any],
         exposure_s: float | None,
         progress: Callable[[int, int], object] | None,
     ) -> tuple[
-        list[_Frame], int, tuple[_Floats, _Floats, _Floats | None, str], _Spin | str | None
+        list[_Frame],
+        int,
+        tuple[_Floats, _Floats, _Floats | None, str],
+        _Spin | str | None,
+        list[float] | None,
+        _Verdict | None,
     ]: ...
     def calibrate(
         self,
@@ -291,8 +297,7 @@ class Rig:
         images: _Sequence[_Sequence[Any]],
         color: str,
         times_s: list[list[float]] | None,
-        independent: bool,
-        max_rps: float,
+        asked: dict[str, Any],
         progress: Callable[[int, int], object] | None,
     ) -> tuple[
         list[_Frame],
@@ -321,8 +326,13 @@ class Balls:
     def __new__(cls, estimators: _Sequence[Estimator], count: int | None) -> Balls: ...
     def estimate(self, image: Any, color: str) -> list[_Ball]: ...
     def estimate_sequence(
-        self, images: _Sequence[Any], color: str, times_s: list[float], max_rps: float
-    ) -> tuple[list[list[tuple[int | None, _Ball]]], list[tuple[int, float]]]: ...
+        self,
+        images: _Sequence[Any],
+        color: str,
+        times_s: list[float],
+        asked: dict[str, Any],
+        progress: Callable[[int, int], object] | None,
+    ) -> list[list[tuple[int | None, _Ball]]]: ...
     def estimate_strobe(
         self, image: Any, color: str, times_s: list[float], flight: str | None, max_rps: float
     ) -> tuple[list[_Ball], list[_Strobed]]: ...
@@ -383,6 +393,20 @@ class Sequence:
         drift_px: tuple[float, float] | None,
     ) -> Sequence: ...
     def frame(self, k: int) -> tuple[NDArray[np.uint8], str]: ...
+
+class RigSequence:
+    def __new__(
+        cls,
+        rig: Rig,
+        preset: str,
+        settings: str,
+        seed: int,
+        frames: int,
+        fps: float,
+        spin: tuple[float, float, float] | None,
+        exposure_s: float | None,
+    ) -> RigSequence: ...
+    def frame(self, camera: int, k: int) -> tuple[NDArray[np.uint8], str]: ...
 
 class DesignJob:
     def __new__(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._common import Floats, Progress, floats, progress_of, settings_json
+from ._common import Floats, Progress, clip_asked, floats, progress_of, settings_json
 from ._frame import Camera
 from ._image import Color, Image, frames_of
 from ._pattern import HashTable, PathLike, Tabled, as_table
@@ -94,6 +94,8 @@ class Rig:
         times_s: ArrayLike | Sequence[ArrayLike] | None = None,
         *,
         color: Color | None = None,
+        mirrored: bool = False,
+        judge: bool = True,
         independent: bool = False,
         max_rps: float = 175.0,
         progress: bool | Progress = False,
@@ -106,6 +108,9 @@ class Rig:
             times_s: Their times in seconds, increasing: one list for all cameras, or one for each, by its own clock. Without them frames
                 of the same number are of one time.
             color: As in `Estimator.estimate`.
+            mirrored: The images of all cameras are mirrored: left and right are exchanged first.
+            judge: Whether all frames of a camera together decide if the table fits and its images are mirrored; a camera of which that is
+                not so is left out.
             independent: Keep the frames from informing each other.
             max_rps: Largest spin considered, revolutions per second.
             progress: As in `Estimator.estimate_sequence`.
@@ -129,11 +134,12 @@ class Rig:
         if len(orders) > 1:
             raise ValueError("images: expected the same channels of all cameras: give color")
         times = None if times_s is None else _each(times_s, len(self.cameras))
+        asked = clip_asked(mirrored=mirrored, judge=judge, independent=independent, max_rps=max_rps)
         total = sum(len(own) for own in frames)
         show, bar = progress_of(progress, total, "frame")
         try:
             found, independently, rows, spin, seen_s, cameras, chi2, notes, doubts = self._handle.estimate_sequence(
-                frames, orders.pop() if orders else "rgb", times, independent, float(max_rps), show
+                frames, orders.pop() if orders else "rgb", times, asked, show
             )
         finally:
             if bar is not None:

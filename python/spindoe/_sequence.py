@@ -6,9 +6,9 @@ import io
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,39 @@ if TYPE_CHECKING:
     import pandas
 
 FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """A table that a ball may carry, seen directly or in mirrored images, and what a sequence says of it."""
+
+    table: int
+    """The table's place: 0 is the estimator's own, then come the others."""
+    mirrored: bool
+    """Whether the images are taken for mirrored."""
+    frames: int
+    """Number of frames that were asked."""
+    answered: int
+    """How many of these it explains."""
+    common_motion: bool
+    """Whether most of their orientations follow one motion."""
+    ln_evidence: float
+    """Ln of the evidence for it, against any other ball."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What all frames of a sequence together say: does a table fit, and are the images mirrored?"""
+
+    answer: Literal["fits", "mirrored", "tied", "none", "open"]
+    """``"mirrored"`` where the images are, ``"tied"`` where two hypotheses fit about as well, ``"none"`` where none does, ``"open"`` where
+    too few frames say anything. Where the images are mirrored, no table fits or two tables tie, no frame keeps its pose."""
+    table: int
+    """The table in use: 0 is the estimator's own, then come the others."""
+    ln_odds: float | None
+    """Lead over the next best hypothesis, ln of the odds."""
+    hypotheses: tuple[Hypothesis, ...]
+    """What was weighed."""
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -50,7 +83,8 @@ class SequenceEstimate:
     frame: Frame
     """The frame of these orientations and of the spin."""
     times_s: Floats | None = None
-    """Times of the frames, seconds, shape (frames,); None where there were none."""
+    """Times of the frames, seconds, shape (frames,), of a rolling shutter those at which the ball's center is seen; None where there were
+    none."""
     cameras: Ints | None = None
     """Of a rig: how many cameras' orientations each frame's is of, 0 where there is none; shape (frames,)."""
     chi2: Floats | None = None
@@ -58,6 +92,8 @@ class SequenceEstimate:
     orientation; shape (frames,)."""
     notes: tuple[str, ...] = ()
     """Of a rig: how its cameras and their clocks agree."""
+    verdict: Verdict | None = None
+    """Whether the tables fit and the images are mirrored; None where that was not asked."""
 
     @property
     def positions_m(self) -> Floats:
@@ -186,12 +222,22 @@ class SequenceEstimate:
         return f"<SequenceEstimate: {posed} of {len(self.frames)} frames, {self.spin!r}>"
 
 
-def sequence_of(found: list[Any], independently: int, rows: tuple[Any, ...], spin: Any, times_s: Floats | None) -> SequenceEstimate:
+def verdict_of(found: Any) -> Verdict | None:
+    """The library's verdict, or that of a file."""
+    if found is None:
+        return None
+    answer, table, ln_odds, hypotheses = found
+    return Verdict(answer, table, ln_odds, tuple(Hypothesis(*one) for one in hypotheses))
+
+
+def sequence_of(
+    found: list[Any], independently: int, rows: tuple[Any, ...], spin: Any, times_s: Floats | None, verdict: Verdict | None = None
+) -> SequenceEstimate:
     """What the library found: frames, how many of them alone, the rows of its file, and the spin where there are times."""
     quaternions, covariances, turns, frame = rows
     answer = Rejection("there are no times, or only one") if spin is None else spin_of(spin)
     return SequenceEstimate(
-        [frame_of(f) for f in found], answer, independently, quaternions, covariances, turns, frame, times_s
+        [frame_of(f) for f in found], answer, independently, quaternions, covariances, turns, frame, times_s, verdict=verdict
     )
 
 
@@ -276,12 +322,18 @@ def _arrays(found: SequenceEstimate) -> dict[str, NDArray[Any]]:
         "independent": found.independent,
         "frame": found.frame,
         "notes": list(found.notes),
+        "verdict": None if found.verdict is None else _verdict(found.verdict),
         "pose_frames": [pose and pose.frame for pose in poses],
         "reasons": [None if frame.pose else frame.pose.reason for frame in frames],
         "spin": spin,
     }
     given = {name: array for name, array in arrays.items() if array is not None}
     return {**given, "meta": np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8)}
+
+
+def _verdict(found: Verdict) -> list[Any]:
+    """As `verdict_of` reads it."""
+    return [found.answer, found.table, found.ln_odds, [list(astuple(one)) for one in found.hypotheses]]
 
 
 def _sequence(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> SequenceEstimate:
@@ -368,4 +420,5 @@ def _sequence(arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Se
         cameras=get("cameras", count, dtype=np.int64) if "cameras" in arrays else None,
         chi2=optional("chi2", count),
         notes=tuple(meta.get("notes", ())),
+        verdict=verdict_of(meta.get("verdict")),
     )

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._common import Floats, settings_json, to_scipy, triple
+from ._common import Floats, settings_json, to_scipy, triple, whole
 from ._pattern import Tabled, as_ball
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
     from typing_extensions import Unpack
+
+    from ._rig import Rig
 
 SynthKind = Literal[
     "dotted", "other-pattern", "dotless", "logo-only", "seams-only", "fruit", "lamp", "wheel", "speckled", "noise",
@@ -234,5 +236,45 @@ def synth(
         for k in range(frames):
             image, truth = sequence.frame(k)
             yield image, _truth(truth)
+
+    return of_sequence()
+
+
+def synth_rig(
+    rig: Rig,
+    frames: int,
+    *,
+    fps: float,
+    seed: int = 0,
+    preset: Literal["good", "wide"] = "good",
+    spin_rad_s: ArrayLike | None = None,
+    exposure_s: float | None = None,
+    **settings: Unpack[SynthSettings],
+) -> Iterator[tuple[tuple[NDArray[np.uint8], Truth], ...]]:
+    """Draws the ball of a rig as all its cameras see it, one time after another: the same seed gives the same images.
+
+    Args:
+        rig: The cameras, with the size of their images, and the table of the ball.
+        frames: Number of times.
+        fps: Frames a second.
+        seed: Of everything random.
+        preset: As of `synth`.
+        spin_rad_s: The ball's spin in the first camera's frame, rad/s; at random where not given.
+        exposure_s: Exposure of the frames, seconds.
+        settings: Any of `SynthSettings`.
+
+    Yields:
+        For each camera its image and `Truth`; orientations are in that camera's frame.
+    """
+    spin = None if spin_rad_s is None else triple("spin_rad_s", spin_rad_s)
+    count = whole("frames", frames)
+    sequence = _native.RigSequence(
+        rig._handle, preset, settings_json(settings), seed, count, float(fps), spin, exposure_s
+    )
+
+    def of_sequence() -> Iterator[tuple[tuple[NDArray[np.uint8], Truth], ...]]:
+        for k in range(count):
+            views = (sequence.frame(camera, k) for camera in range(len(rig.cameras)))
+            yield tuple((image, _truth(truth)) for image, truth in views)
 
     return of_sequence()

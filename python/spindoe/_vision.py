@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._calibrate import Calibration, calibration_of
-from ._common import Progress, Rejection, floats, progress_of, settings_json, triple, whole
+from ._common import Progress, Rejection, clip_asked, floats, progress_of, settings_json, triple, whole
 from ._frame import Camera, FrameEstimate, frame_of
 from ._image import Color, Image, frames_of, pixels
 from ._pattern import HashTable, PathLike, Tabled, as_table
 from ._recognize import Hint
-from ._sequence import SequenceEstimate, sequence_of
+from ._sequence import SequenceEstimate, sequence_of, verdict_of
 from ._spin import Spin, spin_of
 
 if TYPE_CHECKING:
@@ -166,12 +166,17 @@ class Estimator:
         *,
         color: Color | None = None,
         circle: ArrayLike | None = None,
+        roi: Sequence[int] | None = None,
+        mirrored: bool = False,
+        others: Sequence[Tabled] = (),
+        judge: bool = True,
         independent: bool = False,
         max_rps: float = 175.0,
         exposure_s: float | None = None,
+        readout_s: float = 0.0,
         progress: bool | Progress = False,
     ) -> SequenceEstimate:
-        """Estimates the frames of one sequence on all cores; with times they help each other, and give
+        """Estimates the frames of one sequence on all cores, as ``spindoe estimate`` does; with times they help each other, and give
         the spin.
 
         Args:
@@ -180,31 +185,43 @@ class Estimator:
             times_s: Their times in seconds, increasing, shape (n,).
             color: As in `estimate`.
             circle: The ball's outline in all frames, where it is known.
+            roi: The part of the images in which the ball is: left, top, width, height, pixels.
+            mirrored: The images are mirrored: left and right are exchanged first. Pixels in the answer are those of images so exchanged.
+            others: Other tables that the ball may carry. The first frames choose, and all judge: `SequenceEstimate.verdict`.
+            judge: Whether all frames together decide if the table fits and the images are mirrored; where they do not fit, no frame keeps
+                its pose.
             independent: Keep the frames from informing each other.
             max_rps: Largest spin considered, revolutions per second.
             exposure_s: Time that the shutter is open for a frame, seconds. How far dots are smeared then settles which of the
                 spins is right that the frame rate leaves open; of an ``Estimator(..., measures_blur=True)``.
+            readout_s: Rolling shutter: time from the exposure of an image's first row to that of its last, seconds, of whole images, not
+                crops. Times and orientations are then those at which the ball's center is exposed.
             progress: True shows a bar (with `tqdm`); a function is called with (done, total).
         """
         frames, order = frames_of(images, color)
         self._check(frames)
+        asked = clip_asked(
+            circle=circle, roi=roi, mirrored=mirrored, independent=independent, judge=judge, readout_s=readout_s, max_rps=max_rps
+        )
+        camera, detector, weights, settings = self._arguments
+        tables = [Estimator(table, camera=camera, detector=detector, weights=weights, **settings) for table in others]
         times = _times(times_s)
         show, bar = progress_of(progress, len(frames), "frame")
         try:
-            found, independently, rows, spin = self._handle.estimate_sequence(
+            found, independently, rows, spin, seen_s, verdict = self._handle.estimate_sequence(
                 frames,
                 order,
                 times,
-                None if circle is None else triple("circle", circle),
-                independent,
-                float(max_rps),
+                [table._handle for table in tables],
+                asked,
                 None if exposure_s is None else float(exposure_s),
                 show,
             )
         finally:
             if bar is not None:
                 bar.close()
-        return sequence_of(found, independently, rows, spin, None if times is None else np.array(times))
+        seen = None if seen_s is None else np.array(seen_s, dtype=np.float64)
+        return sequence_of(found, independently, rows, spin, seen, verdict_of(verdict))
 
     def calibrate(
         self,

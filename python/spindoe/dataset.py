@@ -16,8 +16,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from numpy.typing import ArrayLike
+
 from . import _native
-from ._common import Axes, optional, write_whole
+from ._common import Axes, clip_asked, optional, whole, write_whole
 from ._pattern import PathLike
 from ._vision import Estimator
 
@@ -35,7 +37,13 @@ def write(
     names: Sequence[str] | None = None,
     fps: float | None = None,
     frame: Axes = "camera",
+    circle: ArrayLike | None = None,
+    roi: Sequence[int] | None = None,
+    mirrored: bool = False,
     max_rps: float = 175.0,
+    half_window: int = 8,
+    min_log_odds: float = 20.0,
+    min_jump_m_s: float = 0.7,
     overwrite: bool = False,
 ) -> dict[str, Any]:
     """Writes the flights of clips to a folder, as ``spindoe dataset`` does.
@@ -47,7 +55,13 @@ def write(
         names: The tables' names in ``dataset.json``; by default their places.
         fps: Frames a second, instead of the videos' or names' own times.
         frame: Axes of positions, orientations and spins.
+        circle: The ball's outline in all frames, where it is known.
+        roi: The part of the images in which the ball is: left, top, width, height, pixels.
+        mirrored: The images are mirrored: left and right are exchanged first.
         max_rps: Largest spin considered, revolutions per second.
+        half_window: Positions before a bounce, and after it, that are fitted.
+        min_log_odds: Ln of the odds for a bounce, at least.
+        min_jump_m_s: Change of the velocity by a bounce, at least, m/s.
         overwrite: Whether a data set in the folder is replaced: the files that its ``dataset.json`` lists.
 
     Returns:
@@ -62,9 +76,10 @@ def write(
     called = [str(k) for k in range(len(several))] if names is None else [str(name) for name in names]
     if len(called) != len(several):
         raise ValueError(f"names: expected {len(several)}, found {len(called)}")
-    found = _native.write_dataset(
-        listed, [one._handle for one in several], called, output, fps, frame, float(max_rps), overwrite
-    )
+    asked = clip_asked(circle=circle, roi=roi, mirrored=mirrored, max_rps=max_rps)
+    bounces = (whole("half_window", half_window), float(min_log_odds), float(min_jump_m_s))
+    handles = [one._handle for one in several]
+    found = _native.write_dataset(listed, handles, called, output, fps, frame, asked, bounces, overwrite)
     record: dict[str, Any] = json.loads(found)
     return record
 

@@ -6,19 +6,19 @@ use nalgebra::Matrix3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use spindoe::clip::{
-    BallEstimate, BallsEstimator, BallsWorkspace, Strobe, StrobeHypothesis, missing_balls,
-    number_balls,
+    self, BallEstimate, BallsEstimator, SequenceOutcome, Strobe, StrobeHypothesis,
 };
 use spindoe::geometry::CameraFrame;
-use spindoe::image::{ImageView, RawPixel};
+use spindoe::image::RawPixel;
 use spindoe::spin::SpinRejection;
 use spindoe::spin::golf::GolfSpin;
 use spindoe::spin::robust::SpinConfig;
 use spindoe::vision::Budget;
 
 use crate::arrays::square;
+use crate::clip::{Asked, Clips, warn_of};
 use crate::errors::{Answer, OrRaise};
-use crate::estimator::{Estimator, check_times, warn_of_clip};
+use crate::estimator::Estimator;
 use crate::frames::{FrameTuple, frame_tuple};
 use crate::image::{Copied, Pixels, raw_pixel};
 use crate::pattern::to_json;
@@ -55,6 +55,7 @@ pub struct Balls {
 }
 
 impl Balls {
+    /// The balls of an image, or the images of one ball in an exposure with flashes.
     fn found(
         &self,
         py: Python<'_>,
@@ -63,32 +64,6 @@ impl Balls {
         strobe: Option<&Strobe>,
     ) -> PyResult<Vec<BallEstimate>> {
         let strobe = strobe.cloned();
-        self.on_image(
-            py,
-            image,
-            pixel,
-            move |all, image, budget, ws| match &strobe {
-                Some(strobe) => all.estimate_strobed(image, None, strobe, budget, ws),
-                None => all.estimate(image, None, &[], budget, ws),
-            },
-        )
-    }
-
-    /// What `work` finds in an image.
-    fn on_image(
-        &self,
-        py: Python<'_>,
-        image: &Bound<'_, PyAny>,
-        pixel: RawPixel,
-        work: impl FnOnce(
-            &BallsEstimator,
-            ImageView<'_>,
-            &Budget,
-            &mut BallsWorkspace<'_>,
-        ) -> Vec<BallEstimate>
-        + Send
-        + 'static,
-    ) -> PyResult<Vec<BallEstimate>> {
         let mut copied = Copied::default();
         Pixels::new("image", image)?
             .samples("image", pixel)?
@@ -99,8 +74,11 @@ impl Balls {
                 stop: Some(stop),
                 ..Budget::default()
             };
-            let mut ws = inner.workspace()?;
-            Ok(work(&inner, copied.view()?, &budget, &mut ws))
+            let (mut ws, image) = (inner.workspace()?, copied.view()?);
+            Ok(match &strobe {
+                Some(strobe) => inner.estimate_strobed(image, None, strobe, &budget, &mut ws),
+                None => inner.estimate(image, None, &[], &budget, &mut ws),
+            })
         })?;
         found.or_raise()
     }
@@ -132,56 +110,35 @@ impl Balls {
         Ok(balls.iter().map(|ball| ball_tuple(py, ball)).collect())
     }
 
-    /// The balls of the frames of a sequence with their numbers; the table of each number with its probability.
-    #[allow(clippy::type_complexity)]
+    /// The balls of the frames of a sequence with their numbers.
     fn estimate_sequence<'py>(
         &self,
         py: Python<'py>,
         images: Vec<Bound<'py, PyAny>>,
         color: &str,
         times_s: Vec<f64>,
-        max_rps: f64,
-    ) -> PyResult<(Vec<Vec<NumberedTuple<'py>>>, Vec<(usize, f64)>)> {
-        check_times(&times_s, images.len())?;
-        let pixel = raw_pixel(color)?;
-        let config = spin_config(max_rps)?;
-        let frames = images.iter().map(|image| {
-            py.check_signals()?;
-            self.found(py, image, pixel, None)
+        asked: Asked,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Vec<Vec<NumberedTuple<'py>>>> {
+        let config = asked.config()?;
+        let clips = Clips::held(&[images], color, Some(&[times_s]), progress)?;
+        let inner = Arc::clone(&self.inner);
+        let batch = clips.run(py, config, move |listed, config, listener| {
+            clip::run_sources(&*inner, &listed[0], config, listener)
+        })?;
+        warn_of(py, batch.focal_doubt.as_ref())?;
+        let numbers = match &batch.sequence {
+            SequenceOutcome::Numbered(numbered) => Some(&numbered.numbers),
+            _ => None,
+        };
+        let frames = batch.frames.iter().enumerate().map(|(k, frame)| {
+            let number = |ball: usize| numbers.and_then(|numbers| *numbers.get(k)?.get(ball)?);
+            let balls = frame.balls.iter().enumerate();
+            balls
+                .map(|(at, ball)| (number(at), ball_tuple(py, ball)))
+                .collect()
         });
-        let frames = frames.collect::<PyResult<Vec<_>>>()?;
-        // Spins are fitted on all cores.
-        let times = times_s.clone();
-        let (missing, mut frames) = abandonable(py, move |_| {
-            let missing = missing_balls(config, &times, &frames);
-            (missing, frames)
-        })?;
-        for ((image, balls), expected) in images.iter().zip(&mut frames).zip(missing) {
-            if !expected.is_empty() {
-                py.check_signals()?;
-                let before = std::mem::take(balls);
-                *balls = self.on_image(py, image, pixel, move |all, view, budget, ws| {
-                    all.look_again(view, before, &expected, budget, ws)
-                })?;
-            }
-        }
-        let (numbered, frames) = abandonable(py, move |_| {
-            let numbered = number_balls(config, &times_s, &mut frames);
-            (numbered, frames)
-        })?;
-        if let Some(estimator) = self.inner.estimators().first() {
-            let each = frames.iter().map(|balls| balls.iter().map(|b| &b.frame));
-            warn_of_clip(py, estimator, &images, pixel, each)?;
-        }
-        let tuples = frames
-            .iter()
-            .zip(&numbered.numbers)
-            .map(|(balls, numbers)| {
-                let pairs = balls.iter().zip(numbers);
-                let tuples = pairs.map(|(ball, number)| (*number, ball_tuple(py, ball)));
-                tuples.collect()
-            });
-        Ok((tuples.collect(), numbered.tables))
+        Ok(frames.collect())
     }
 
     /// The images of one ball in an exposure with flashes at these times, s.

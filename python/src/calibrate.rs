@@ -1,6 +1,5 @@
 //! Calibration: the dots of a ball as they were really drawn.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2};
@@ -8,16 +7,17 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::{CalibrationConfig, calibrate};
-use spindoe::clip::{self, BatchConfig, BatchFrame, FrameClock, SequenceOutcome, TimeSource};
+use spindoe::clip::{self, BatchConfig, BatchFrame, SequenceOutcome, TimeSource};
 use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
 };
-use spindoe::vision::{FrameEstimate, OutlinePrior};
+use spindoe::vision::FrameEstimate;
 use spindoe::{Estimator, Pattern, Vec3};
 
 use crate::arrays::{blocks3, rows, square, vector};
-use crate::errors::{Answer, OrRaise, value_error, warn};
+use crate::clip::{Clips, warn_of};
+use crate::errors::{Answer, OrRaise, value_error};
 use crate::frames::{FrameTuple, frame_tuple};
 use crate::pattern::{HashTable, to_json};
 use crate::work::abandonable;
@@ -60,24 +60,17 @@ pub struct Clip {
     pub times_s: Option<Vec<f64>>,
 }
 
-/// The frames of files, as the command reads them.
+/// The frames of a clip, as the command reads them.
 pub fn read_clip(
     py: Python<'_>,
-    estimator: Arc<Estimator>,
-    paths: Vec<PathBuf>,
-    outline: Option<OutlinePrior>,
-    (fps, size): (Option<f64>, Option<[usize; 2]>),
+    estimator: Estimator,
+    clips: Clips,
+    config: BatchConfig,
+    size: Option<[usize; 2]>,
 ) -> PyResult<Clip> {
-    let mut config = BatchConfig {
-        outline,
-        clock: fps.map_or(FrameClock::Inputs, FrameClock::FramesPerSecond),
-        ..BatchConfig::default()
-    };
-    let batch = abandonable(py, move |stop| {
-        (config.budget.stop, config.sequence.stop) = (Some(stop), Some(stop));
-        clip::run(&*estimator, &paths, &config, &())
+    let mut batch = clips.run(py, config, move |listed, config, listener| {
+        clip::run_sources(&estimator, &listed[0], config, listener)
     })?;
-    let mut batch = batch.or_raise()?;
     let other = batch
         .frames
         .iter()
@@ -103,9 +96,7 @@ pub fn read_clip(
     if let (TimeSource::SameNumber, Some(problem)) = (batch.times, batch.times.problem()) {
         return Err(value_error("images", format!("{problem}: fps sets some")));
     }
-    if let Some(doubt) = &batch.focal_doubt {
-        warn(py, &format!("camera: {doubt}"))?;
-    }
+    warn_of(py, batch.focal_doubt.as_ref())?;
     let frames = batch.frames.iter_mut();
     let frames = frames.map(BatchFrame::take_estimate).collect();
     Ok(Clip {

@@ -4,17 +4,19 @@ use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use spindoe::clip::{BatchConfig, FrameClock};
-use spindoe::dataset::{self, DatasetConfig, Destination, Record};
+use spindoe::dataset::{self, BounceConfig, DatasetConfig, Destination, Record};
 use spindoe::geometry::CameraFrame;
 
+use crate::clip::Asked;
 use crate::errors::{OrRaise, value_error};
 use crate::estimator::Estimator;
 use crate::pattern::to_json;
 use crate::work::abandonable;
 
-/// Writes the flights of clips to a folder; what `dataset.json` then says. `names` are those of the estimators' tables.
+/// Writes the flights of clips to a folder; what `dataset.json` then says. `names` are those of the estimators' tables, `bounces` the points to
+/// either side, ln of the odds and change of the velocity of a [`BounceConfig`].
 #[pyfunction]
-#[pyo3(signature = (clips, estimators, names, output, fps, frame, max_rps, overwrite))]
+#[pyo3(signature = (clips, estimators, names, output, fps, frame, asked, bounces, overwrite))]
 #[allow(clippy::too_many_arguments)]
 pub fn write_dataset(
     py: Python<'_>,
@@ -24,7 +26,8 @@ pub fn write_dataset(
     output: PathBuf,
     fps: Option<f64>,
     frame: &str,
-    max_rps: f64,
+    asked: Asked,
+    bounces: (usize, f64, f64),
     overwrite: bool,
 ) -> PyResult<String> {
     let axes = frame.parse::<CameraFrame>();
@@ -38,16 +41,20 @@ pub fn write_dataset(
     }
     let estimators: Vec<spindoe::Estimator> =
         estimators.iter().map(|e| e.library().clone()).collect();
+    let bounces = BounceConfig {
+        half_window: bounces.0,
+        min_log_odds: bounces.1,
+        min_jump_m_s: bounces.2,
+    };
+    bounces.check().or_raise()?;
     let mut config = DatasetConfig {
         batch: BatchConfig {
             clock: fps.map_or(FrameClock::Inputs, FrameClock::FramesPerSecond),
-            verdict: true,
-            ..BatchConfig::default()
+            ..asked.config()?
         },
+        bounces,
         axes,
-        ..DatasetConfig::default()
     };
-    config.batch.sequence.spin.max_rps = max_rps;
     let record = abandonable(py, move |stop| {
         (config.batch.budget.stop, config.batch.sequence.stop) = (Some(stop), Some(stop));
         let to = Destination::begin(&output, &clips, overwrite)?;

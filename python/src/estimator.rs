@@ -8,18 +8,19 @@ use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use rayon::prelude::*;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::CalibrationConfig;
 use spindoe::clip::{
-    CameraCheck, FocalDoubt, ImageWork, LiveCheck, NamedFrame, SequenceConfig, SequenceSmears,
-    SequenceSummary, TrackerConfig, estimate_passes, orientations,
+    self, Batch, BatchConfig, FrameClock, LiveCheck, SequenceConfig, SequenceOutcome, SequenceRows,
+    SequenceSmears, TrackerConfig, orientations,
 };
 use spindoe::geometry::{CameraFrame, tangent_frame};
-use spindoe::image::{ImageView, RawPixel};
+use spindoe::image::ImageView;
 use spindoe::report::calibration::CalibrationEvaluationConfig;
-use spindoe::spin::alias::SpinEvidence;
-use spindoe::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
+use spindoe::source::files::list_sources;
+use spindoe::spin::SpinRejection;
+use spindoe::spin::alias::{SpinEvidence, Together};
+use spindoe::spin::estimate::FittedMotion;
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::robust::SpinConfig;
 use spindoe::vision::estimator::EstimatorWorkspace;
@@ -32,22 +33,21 @@ use spindoe::vision::{
 use spindoe::{DotUncertainty, StopFlag, Vec3};
 
 use crate::arrays::{Numbers, block2, blocks3, quaternion, require_shape, vectors};
-use crate::calibrate::{self, Clip};
-use crate::errors::{Answer, OrRaise, spin_rejection, value_error, warn};
+use crate::calibrate;
+use crate::clip::{Asked, Clips, VerdictTuple, verdict_tuple, warn_of};
+use crate::errors::{Answer, OrRaise, value_error};
 use crate::frames::{FrameTuple, frame_tuple};
 use crate::image::{Buffers, Copied, Pixels, Samples, raw_pixel};
 use crate::pattern::{HashTable, overlay, to_json};
 use crate::recognizer::{GivenHint, hint};
-use crate::spin;
+use crate::spin::{self, Estimated};
 use crate::work::abandonable;
 
-/// Frames between two calls of `progress`.
-const FRAMES_AT_ONCE: usize = 64;
 /// Images up to this are estimated within some hundredths of a second: on this thread, without an ear for Ctrl-C.
 const FAST_PIXELS: usize = 300_000;
 
 /// A circle `u, v, radius` in pixels as the ball's outline.
-fn outline(given: Option<[f64; 3]>) -> PyResult<Option<OutlinePrior>> {
+pub fn outline(given: Option<[f64; 3]>) -> PyResult<Option<OutlinePrior>> {
     match given {
         None => Ok(None),
         Some([u, v, radius])
@@ -171,6 +171,17 @@ fn camera_model(kind: &str, numbers: &[f64]) -> PyResult<CameraModel> {
     }
 }
 
+/// Frames, how many had an orientation before they informed each other, rows, the spin where there are times, the times at which the ball is
+/// seen, the verdict.
+type SequenceTuple<'py> = (
+    Vec<FrameTuple<'py>>,
+    usize,
+    spin::Rows<'py>,
+    Option<Answer<spin::Found<'py>>>,
+    Option<Vec<f64>>,
+    Option<VerdictTuple>,
+);
+
 /// The working memory of one call.
 struct Slot {
     workspace: EstimatorWorkspace,
@@ -193,15 +204,6 @@ impl Estimator {
             inner: Arc::new(inner),
             design,
             slots: Mutex::new(Vec::new()),
-        }
-    }
-
-    /// The images of a sequence for [`Job::on_images`].
-    pub fn job(&self, images: &[Bound<'_, PyAny>], pixel: RawPixel) -> Job {
-        Job {
-            estimator: Arc::clone(&self.inner),
-            images: images.iter().map(|image| image.clone().unbind()).collect(),
-            pixel,
         }
     }
 
@@ -250,115 +252,6 @@ impl Estimator {
     /// Whether an image of so many pixels is estimated too fast for a person who interrupts.
     fn is_fast(samples: &Samples<'_>) -> bool {
         samples.pixels() <= FAST_PIXELS
-    }
-
-    /// Estimates frames of one sequence in both passes; without times, in the first alone.
-    pub fn passes(
-        &self,
-        py: Python<'_>,
-        images: &[Bound<'_, PyAny>],
-        pixel: RawPixel,
-        outline: Option<OutlinePrior>,
-        (times_s, config): (Option<&[f64]>, &SequenceConfig),
-        progress: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<(Vec<FrameEstimate>, SequenceSummary)> {
-        let prior = Prior {
-            outline,
-            ..Prior::default()
-        };
-        for (k, image) in images.iter().enumerate() {
-            let name = format!("images[{k}]");
-            Pixels::new(&name, image)?.samples(&name, pixel)?;
-        }
-        let job = self.job(images, pixel);
-        let mut heard = progress.map(|heard| heard.clone().unbind());
-        let (times_s, mut config) = (times_s.map(<[f64]>::to_vec), *config);
-        // All of it on the pool: the second pass fits spins, on all cores too.
-        abandonable(py, move |stop| {
-            config.stop = Some(stop);
-            let count = job.images.len();
-            let on_images = |numbers: &[usize], work: &ImageWork<'_>| {
-                // Only the first pass over all of them is heard of.
-                let heard = heard.take();
-                let mut found = Vec::with_capacity(numbers.len());
-                for some in numbers.chunks(FRAMES_AT_ONCE) {
-                    found.extend(job.on_images(some, work, stop)?);
-                    if let Some(heard) = &heard {
-                        Python::attach(|py| heard.call1(py, (found.len(), count)))?;
-                    }
-                }
-                Ok(found)
-            };
-            estimate_passes(
-                &job.estimator,
-                &config,
-                &prior,
-                count,
-                times_s.as_deref(),
-                on_images,
-            )
-        })?
-    }
-}
-
-/// Warns where the outlines of the balls of a clip's frames contradict the estimator's camera.
-pub fn warn_of_clip<'a>(
-    py: Python<'_>,
-    estimator: &spindoe::Estimator,
-    images: &[Bound<'_, PyAny>],
-    pixel: RawPixel,
-    frames: impl IntoIterator<Item = impl IntoIterator<Item = &'a FrameEstimate>>,
-) -> PyResult<()> {
-    let Some(mut check) = CameraCheck::of_camera(estimator.camera()) else {
-        return Ok(());
-    };
-    for (image, balls) in images.iter().zip(frames) {
-        let pixels = Pixels::new("images", image)?;
-        check.push(pixels.samples("images", pixel)?.rows(), balls);
-    }
-    warn_of(py, check.doubt())
-}
-
-fn warn_of(py: Python<'_>, doubt: Option<FocalDoubt>) -> PyResult<()> {
-    match doubt {
-        Some(doubt) => warn(py, &format!("camera: {doubt}")),
-        None => Ok(()),
-    }
-}
-
-/// The images of a sequence, which outlive the call.
-pub struct Job {
-    pub estimator: Arc<spindoe::Estimator>,
-    images: Vec<Py<PyAny>>,
-    pixel: RawPixel,
-}
-
-impl Job {
-    /// Does the work on some of the images, by their numbers, on all cores.
-    pub fn on_images(
-        &self,
-        numbers: &[usize],
-        work: &ImageWork<'_>,
-        stop: StopFlag,
-    ) -> PyResult<Vec<(usize, FrameEstimate)>> {
-        let one = |(workspace, copied): &mut (EstimatorWorkspace, Copied), k: &usize| {
-            // Who was interrupted may be gone by now, and Python with it.
-            if stop.is_set() {
-                return Some(Err(spindoe::Error::Stopped).or_raise());
-            }
-            let copy = Python::attach(|py| {
-                let pixels = Pixels::new("images", self.images[*k].bind(py))?;
-                pixels.samples("images", self.pixel)?.copy_to(copied);
-                Ok(())
-            });
-            match copy.and_then(|()| copied.view().or_raise()) {
-                Ok(image) => Some(Ok((*k, work(*k, image, workspace)?))),
-                Err(error) => Some(Err(error)),
-            }
-        };
-        let memory = || (self.estimator.workspace(), Copied::default());
-        let all = numbers.par_iter().map_init(memory, one);
-        all.flatten().collect()
     }
 }
 
@@ -453,59 +346,47 @@ impl Estimator {
         Ok(found)
     }
 
-    /// Frames of one sequence: all of them, how many had a pose before they informed each other, and
-    /// the spin where there are times.
-    #[pyo3(signature = (images, color, times_s, circle, independent, max_rps, exposure_s, progress))]
-    #[allow(clippy::too_many_arguments, clippy::type_complexity)]
+    /// Frames of one sequence: all of them, how many had a pose before they informed each other, their rows, the spin where there are
+    /// times, the times at which the ball is seen, and the verdict. Of `others`, too, the one whose table fits is used.
+    #[pyo3(signature = (images, color, times_s, others, asked, exposure_s, progress))]
+    #[allow(clippy::too_many_arguments)]
     fn estimate_sequence<'py>(
         &self,
         py: Python<'py>,
         images: Vec<Bound<'py, PyAny>>,
         color: &str,
         times_s: Option<Vec<f64>>,
-        circle: Option<[f64; 3]>,
-        independent: bool,
-        max_rps: f64,
+        others: Vec<PyRef<'py, Self>>,
+        asked: Asked,
         exposure_s: Option<f64>,
-        progress: Option<Bound<'py, PyAny>>,
-    ) -> PyResult<(
-        Vec<FrameTuple<'py>>,
-        usize,
-        spin::Rows<'py>,
-        Option<Answer<spin::Found<'py>>>,
-    )> {
-        let outline = outline(circle)?;
-        let pixel = raw_pixel(color)?;
-        if let Some(times) = &times_s {
-            check_times(times, images.len())?;
-        }
-        let config = sequence_config(max_rps)?;
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<SequenceTuple<'py>> {
+        let config = asked.config()?;
         self.check_exposure(exposure_s)?;
-        let progress = progress.as_ref();
-        let times = times_s.filter(|times| times.len() > 1);
-        let informing = times.as_deref().filter(|_| !independent);
-        let sequence = (informing, &config);
-        let (frames, summary) = self.passes(py, &images, pixel, outline, sequence, progress)?;
-        warn_of_clip(py, &self.inner, &images, pixel, frames.iter().map(|f| [f]))?;
-        let named = frames.iter().enumerate().map(|(k, estimate)| NamedFrame {
-            name: "",
-            time_s: times.as_ref().map(|times| times[k]),
-            estimate,
-        });
-        let named: Vec<_> = named.collect();
+        let times_s = times_s.map(|times| vec![times]);
+        let clips = Clips::held(&[images], color, times_s.as_deref(), progress)?;
+        let tables = std::iter::once(self.library()).chain(others.iter().map(|one| one.library()));
+        let tables: Vec<spindoe::Estimator> = tables.cloned().collect();
         let frame = self.frame();
-        let orientations = orientations(&named, frame, times.is_some());
-        let spin = match &times {
-            Some(_) => {
-                let smears = exposure_s.and_then(|exposure_s| {
-                    SequenceSmears::new(&self.inner, &named, exposure_s, frame)
-                });
-                Some(spin_of(py, &orientations, &config, smears.map(Arc::new))?)
-            }
-            None => None,
-        };
-        let tuples = frames.iter().map(|f| frame_tuple(py, f)).collect();
-        Ok((tuples, summary.alone, spin::rows(py, &orientations), spin))
+        let found = clips.run(py, config, move |listed, config, listener| {
+            let batch = clip::run_sources(&tables[..], &listed[0], config, listener)?;
+            let estimator = &tables[batch.judgment.table];
+            let (file, spin) = spin_of(estimator, &batch, config, frame, exposure_s);
+            Ok((batch, file, spin))
+        })?;
+        let (batch, file, spin) = found;
+        warn_of(py, batch.focal_doubt.as_ref())?;
+        let spin = spin.map(|spin| Estimated::answer(spin, py, frame));
+        let seen_s: Option<Vec<f64>> = batch.frames.iter().map(|f| f.time_s).collect();
+        let frames = batch.frames.iter().map(|f| frame_tuple(py, f.estimate()));
+        Ok((
+            frames.collect(),
+            batch.independent(),
+            spin::rows(py, &file),
+            spin.transpose()?,
+            seen_s.filter(|_| times_s.is_some()),
+            verdict_tuple(&batch.judgment),
+        ))
     }
 
     /// The ball as it was drawn, from the arrays or the files of a clip, by the table's pattern as
@@ -529,7 +410,7 @@ impl Estimator {
         smooth: bool,
         evaluation: Option<(u64, u64)>,
         size: Option<[usize; 2]>,
-        progress: Option<Bound<'py, PyAny>>,
+        progress: Option<Py<PyAny>>,
     ) -> PyResult<Answer<calibrate::Found<'py>>> {
         let defaults = CalibrationConfig::default();
         let config = CalibrationConfig {
@@ -547,27 +428,19 @@ impl Estimator {
         let outline = outline(circle)?;
         let pattern = self.inner.pattern();
         // As designed, whatever is known of the dots.
-        let nominal = Self {
-            inner: Arc::new(self.inner.for_pattern(pattern).or_raise()?),
-            design: self.design.clone(),
-            slots: Mutex::new(Vec::new()),
+        let nominal = self.inner.for_pattern(pattern).or_raise()?;
+        let config_of_clip = BatchConfig {
+            outline,
+            clock: fps.map_or(FrameClock::Inputs, FrameClock::FramesPerSecond),
+            ..BatchConfig::default()
         };
-        let clip = if paths.is_empty() {
-            let rate = |fps: f64| (0..images.len()).map(|k| k as f64 / fps).collect();
-            let times_s: Option<Vec<f64>> = times_s.or_else(|| fps.map(rate));
-            if let Some(times) = &times_s {
-                check_times(times, images.len())?;
-            }
-            let (pixel, progress) = (raw_pixel(color)?, progress.as_ref());
-            let times_s = times_s.filter(|times| times.len() > 1);
-            let sequence = (times_s.as_deref(), &SequenceConfig::default());
-            let (frames, _) = nominal.passes(py, &images, pixel, outline, sequence, progress)?;
-            let each = frames.iter().map(|f| [f]);
-            warn_of_clip(py, &nominal.inner, &images, pixel, each)?;
-            Clip { frames, times_s }
+        let clips = if paths.is_empty() {
+            let times_s = times_s.map(|times| vec![times]);
+            Clips::held(&[images], color, times_s.as_deref(), progress)?
         } else {
-            calibrate::read_clip(py, Arc::clone(&nominal.inner), paths, outline, (fps, size))?
+            Clips::files(py.detach(|| list_sources(&paths)).or_raise()?)
         };
+        let clip = calibrate::read_clip(py, nominal, clips, config_of_clip, size)?;
         let evaluation = evaluation.map(|(samples, seed)| CalibrationEvaluationConfig {
             samples,
             seed,
@@ -607,31 +480,29 @@ impl Estimator {
     }
 }
 
-/// The spin of a sequence: from what the command writes to its file of orientations, as the command does.
-pub fn spin_of<'py>(
-    py: Python<'py>,
-    orientations: &Orientations,
-    config: &SequenceConfig,
-    smears: Option<Arc<SequenceSmears>>,
-) -> PyResult<Answer<spin::Found<'py>>> {
-    let measurements = orientations.measurements();
-    let frame = orientations.camera_frame.unwrap_or_default();
-    let config = orientations.spin_config(config.spin);
-    let model = MotionModel::Auto;
-    let (measured, evident) = (measurements.clone(), smears.clone());
-    let estimate = abandonable(py, move |_| match evident {
-        Some(smears) => SpinEstimate::fit_with(&measured, model, &config, &*smears),
-        None => SpinEstimate::fit(&measured, model, &config),
-    })?;
-    match estimate {
-        Ok(estimate) => {
-            let evidence = smears.map(|smears| smears as Arc<dyn SpinEvidence + Send + Sync>);
-            let measurements = &measurements;
-            spin::estimate_tuple(py, &estimate, None, measurements, frame, &config, evidence)
-                .map(Answer::Found)
-        }
-        Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),
+/// A clip's rows in `frame`, and where it is a sequence its spin, by all that its frames say.
+fn spin_of(
+    estimator: &spindoe::Estimator,
+    batch: &Batch<()>,
+    config: &BatchConfig,
+    frame: CameraFrame,
+    exposure_s: Option<f64>,
+) -> (Orientations, Option<Result<Estimated, SpinRejection>>) {
+    let named = batch.named();
+    let is_sequence = matches!(batch.sequence, SequenceOutcome::Estimated { .. });
+    let file = orientations(&named, frame, is_sequence);
+    if !is_sequence {
+        return (file, None);
     }
+    let smears =
+        exposure_s.and_then(|open_s| SequenceSmears::new(estimator, &named, open_s, frame));
+    let rows = SequenceRows::new(estimator, config.row_s(&batch.frames), &named, frame);
+    let smears = smears.as_ref().map(|smears| smears as &dyn SpinEvidence);
+    let rows = rows.as_ref().map(|rows| rows as &dyn SpinEvidence);
+    let all = Together(smears.into_iter().chain(rows).collect());
+    let evidence = (!all.0.is_empty()).then_some(&all as &dyn SpinEvidence);
+    let spin = Estimated::of_sequence(&file, config.sequence.spin, evidence);
+    (file, Some(spin))
 }
 
 pub fn sequence_config(max_rps: f64) -> PyResult<SequenceConfig> {
@@ -706,7 +577,7 @@ impl Tracker {
                 ))
             })
             .or_raise()?;
-        warn_of(py, doubt)?;
+        warn_of(py, doubt.as_ref())?;
         let spin = match fitted {
             // Aliases are listed where they are asked for: their search is no work for every frame.
             Ok((fit, clock)) => {
@@ -731,7 +602,7 @@ impl Tracker {
         guard.0.reset();
         let doubt = guard.2.end();
         drop(guard);
-        warn_of(py, doubt)
+        warn_of(py, doubt.as_ref())
     }
 }
 

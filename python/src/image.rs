@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use numpy::ndarray::{Array3, ArrayViewD};
 use numpy::{IntoPyArray, PyArray3, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use spindoe::image::{DEFAULT_MAX_PIXELS, ImageView, RawImage, RawPixel, RawSamples, RgbImage};
+use spindoe::image::{
+    DEFAULT_MAX_PIXELS, ImageView, Picture, RawImage, RawPixel, RawSamples, RgbImage,
+};
 
 use crate::errors::{OrRaise, value_error};
 
@@ -125,6 +127,27 @@ impl Copied {
     }
 }
 
+impl Copied {
+    /// The library's picture of them.
+    pub fn into_picture(self) -> spindoe::Result<Picture> {
+        let [width, height] = self.size;
+        let pixel = self.pixel.unwrap_or(RawPixel::Gray);
+        if self.sixteen.is_empty() {
+            return Ok(Picture::Bytes {
+                width,
+                height,
+                pixel,
+                values: self.eight,
+            });
+        }
+        let image = RawImage::new(width, height, pixel, &self.sixteen[..])?;
+        Ok(match pixel {
+            RawPixel::Gray => Picture::Gray(image.to_gray()),
+            RawPixel::Rgb | RawPixel::Bgr => Picture::Color(image.to_rgb()),
+        })
+    }
+}
+
 /// Memory for samples that do not lie one after another.
 #[derive(Default)]
 pub struct Buffers {
@@ -140,14 +163,6 @@ impl Samples<'_> {
             Values::Sixteen(view) => view.shape(),
         };
         shape[..2].iter().product()
-    }
-
-    /// How many rows there are.
-    pub fn rows(&self) -> usize {
-        match &self.values {
-            Values::Eight(view) => view.shape()[0],
-            Values::Sixteen(view) => view.shape()[0],
-        }
     }
 
     /// Copies the pixels.

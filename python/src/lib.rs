@@ -7,6 +7,7 @@
 mod arrays;
 mod balls;
 mod calibrate;
+mod clip;
 mod command;
 mod dataset;
 mod design;
@@ -59,7 +60,7 @@ mod _native {
     #[pymodule_export]
     use super::stencil::Stencil;
     #[pymodule_export]
-    use super::synth::{Sequence, independent_frame};
+    use super::synth::{RigSequence, Sequence, independent_frame};
     #[pymodule_export]
     use super::training::{
         NetWeights, TrainingSamples, net_graph, samples_per_frame, training_batch, world_sha256,

@@ -6,22 +6,19 @@ use std::sync::Arc;
 use nalgebra::Matrix3;
 use numpy::PyArray1;
 use pyo3::prelude::*;
-use spindoe::Vec3;
-use spindoe::clip::{CameraClip, RigConfig, RigOutcome, combine};
+use spindoe::clip::{RigClip, SequenceOutcome, run_rig_sources};
 use spindoe::geometry::CameraFrame;
+use spindoe::spin::orientations::Orientations;
 use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{Camera, EstimatorConfig, Extrinsics, RigCamera};
+use spindoe::{Ball, Vec3};
 
+use crate::clip::{Asked, Clips, warn_of};
 use crate::errors::{Answer, OrRaise, value_error};
-use crate::estimator::{
-    Estimator, check_times, dot_detector, intrinsics, packed, sequence_config, spin_of,
-    warn_of_clip,
-};
+use crate::estimator::{Estimator, dot_detector, intrinsics, packed};
 use crate::frames::{FrameTuple, frame_tuple};
-use crate::image::raw_pixel;
 use crate::pattern::{HashTable, overlay};
-use crate::spin;
-use crate::work::abandonable;
+use crate::spin::{self, Estimated};
 
 /// Name, intrinsics by kind and numbers, columns and rows of the images, rotation by rows and translation from a common frame (optical
 /// axes, m), what is added to the camera's times.
@@ -61,8 +58,22 @@ type Found<'py> = (
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct Rig {
     rig: Arc<spindoe::vision::Rig>,
+    /// What the ball carries.
+    ball: Arc<Ball>,
     /// One a camera.
     estimators: Vec<Estimator>,
+}
+
+impl Rig {
+    /// The library's own.
+    pub fn library(&self) -> &spindoe::vision::Rig {
+        &self.rig
+    }
+
+    /// What the ball carries.
+    pub fn ball(&self) -> &Ball {
+        &self.ball
+    }
 }
 
 #[pymethods]
@@ -98,6 +109,7 @@ impl Rig {
         let estimators = estimators.collect::<PyResult<_>>()?;
         Ok(Self {
             rig: Arc::new(rig),
+            ball: Arc::clone(&table.0),
             estimators,
         })
     }
@@ -126,20 +138,17 @@ impl Rig {
     }
 
     /// The clips of all cameras as one.
-    #[pyo3(signature = (images, color, times_s, independent, max_rps, progress))]
-    #[allow(clippy::too_many_arguments)]
+    #[pyo3(signature = (images, color, times_s, asked, progress))]
     fn estimate_sequence<'py>(
         &self,
         py: Python<'py>,
         images: Vec<Vec<Bound<'py, PyAny>>>,
         color: &str,
         times_s: Option<Vec<Vec<f64>>>,
-        independent: bool,
-        max_rps: f64,
-        progress: Option<Bound<'py, PyAny>>,
+        asked: Asked,
+        progress: Option<Py<PyAny>>,
     ) -> PyResult<Found<'py>> {
-        let pixel = raw_pixel(color)?;
-        let sequence = sequence_config(max_rps)?;
+        let config = asked.config()?;
         let count = self.estimators.len();
         let lists = [
             ("images", Some(images.len())),
@@ -151,56 +160,26 @@ impl Rig {
                 return Err(value_error(name, problem));
             }
         }
-        for (times, images) in times_s.iter().flatten().zip(&images) {
-            check_times(times, images.len())?;
-        }
-        let (mut clips, mut independently) = (Vec::with_capacity(count), 0);
-        for (k, (estimator, images)) in self.estimators.iter().zip(&images).enumerate() {
-            let times = times_s.as_ref().map(|times| times[k].clone());
-            let informing = times.as_deref().filter(|t| !independent && t.len() > 1);
-            let config = (informing, &sequence);
-            let (frames, summary) =
-                estimator.passes(py, images, pixel, None, config, progress.as_ref())?;
-            warn_of_clip(
-                py,
-                estimator.library(),
-                images,
-                pixel,
-                frames.iter().map(|f| [f]),
-            )?;
-            independently = summary.alone.max(independently);
-            clips.push((estimator.job(images, pixel), times, frames));
-        }
+        let clips = Clips::held(&images, color, times_s.as_deref(), progress)?;
+        let tables = self
+            .estimators
+            .iter()
+            .map(|one| vec![one.library().clone()]);
+        let tables: Vec<Vec<spindoe::Estimator>> = tables.collect();
         let rig = Arc::clone(&self.rig);
-        let config = RigConfig {
-            sequence,
-            independent,
-            min_confidence: self.estimators[0].library().config().min_confidence,
-        };
-        let outcome = abandonable(py, move |stop| -> PyResult<RigOutcome> {
-            let (jobs, mut clips): (Vec<_>, Vec<_>) = clips
-                .into_iter()
-                .map(|(job, times_s, frames)| (job, (times_s, frames)))
-                .unzip();
-            let mut clips: Vec<CameraClip<'_>> = jobs
-                .iter()
-                .zip(clips.drain(..))
-                .map(|(job, (times_s, frames))| CameraClip {
-                    estimator: &job.estimator,
-                    names: Vec::new(),
-                    times_s,
-                    frames,
-                })
-                .collect();
-            let mut config = config;
-            config.sequence.stop = Some(stop);
-            let on_images =
-                |camera: usize, numbers: &[usize], work: &spindoe::clip::ImageWork<'_>| {
-                    jobs[camera].on_images(numbers, work, stop)
-                };
-            combine(&rig, &config, &mut clips, on_images).or_raise()?
-        })??;
-        self.answer(py, &outcome, independently, &config)
+        let (clip, rows, spin) = clips.run(py, config, move |listed, config, listener| {
+            let clip = run_rig_sources(&rig, &tables, listed, config, listener)?;
+            let rows = clip.outcome.orientations(CameraFrame::Camera);
+            let is_sequence = matches!(clip.together.sequence, SequenceOutcome::Estimated { .. });
+            let spin =
+                is_sequence.then(|| Estimated::of_sequence(&rows, config.sequence.spin, None));
+            Ok((clip, rows, spin))
+        })?;
+        for camera in &clip.cameras {
+            warn_of(py, camera.focal_doubt.as_ref())?;
+        }
+        let spin = spin.map(|spin| Estimated::answer(spin, py, CameraFrame::Camera));
+        self.answer(py, &clip, &rows, spin.transpose()?)
     }
 }
 
@@ -208,17 +187,13 @@ impl Rig {
     fn answer<'py>(
         &self,
         py: Python<'py>,
-        outcome: &RigOutcome,
-        independently: usize,
-        config: &RigConfig,
+        clip: &RigClip<()>,
+        rows: &Orientations,
+        spin: Option<Answer<spin::Found<'py>>>,
     ) -> PyResult<Found<'py>> {
-        let rows = outcome.orientations(CameraFrame::Camera);
+        let outcome = &clip.outcome;
         let times: Option<Vec<f64>> = outcome.frames.iter().map(|f| f.time_s).collect();
         let times = times.filter(|times| !times.is_empty());
-        let spin = match times.as_ref().filter(|times| times.len() > 1) {
-            Some(_) => Some(spin_of(py, &rows, &config.sequence, None)?),
-            None => None,
-        };
         let frames = outcome.frames.iter();
         let tuples = frames
             .clone()
@@ -234,8 +209,8 @@ impl Rig {
             agreement.filter_map(|(found, name)| Some(found.as_ref()?.words(name, names[0])));
         Ok((
             tuples,
-            independently,
-            spin::rows(py, &rows),
+            clip.together.independent(),
+            spin::rows(py, rows),
             spin,
             times.map(|times| PyArray1::from_vec(py, times)),
             PyArray1::from_vec(py, cameras),

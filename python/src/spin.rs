@@ -1,7 +1,5 @@
 //! Spin from orientations.
 
-use std::sync::Arc;
-
 use nalgebra::Matrix3;
 use numpy::ndarray::{Array2, ArrayViewD, arr1};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn};
@@ -16,7 +14,8 @@ use spindoe::spin::orientations::{OrientationRow, Orientations};
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
 use spindoe::spin::robust::{MagnitudePrior, SpinConfig};
 use spindoe::spin::shared::ViewTurn;
-use spindoe::spin::{Fit, Measurement};
+use spindoe::spin::summary::SpinSummary;
+use spindoe::spin::{Fit, Measurement, SpinRejection};
 
 use crate::arrays::{
     Numbers, block3, blocks3, matrix3, quaternion, require_orientations, require_shape, rotation,
@@ -118,15 +117,90 @@ fn view_turn(rows: &ArrayViewD<'_, f64>, i: usize) -> PyResult<ViewTurn> {
     Ok(ViewTurn::of_numbers(&numbers))
 }
 
+/// A spin with its aliases, and how probable it is that each measurement follows it.
+pub struct Estimated {
+    estimate: SpinEstimate,
+    summary: SpinSummary,
+    probabilities: Vec<f64>,
+}
+
+impl Estimated {
+    /// Of an estimate, whose spin is that at `at_s`, by default what sums it up; its aliases are searched for in `measurements`, and
+    /// weighed by further evidence.
+    fn new(
+        estimate: SpinEstimate,
+        at_s: Option<f64>,
+        measurements: &[Measurement],
+        config: &SpinConfig,
+        evidence: Option<&dyn SpinEvidence>,
+    ) -> Self {
+        let listed = AliasConfig {
+            max_rps: config.max_rps,
+            sigma_rad: config.sigma_rad,
+            ..AliasConfig::default()
+        };
+        let summary = estimate.summary(measurements, at_s, &listed, measurements.len());
+        Self {
+            summary: match evidence {
+                Some(evidence) => summary.weighed(evidence, &listed),
+                None => summary,
+            },
+            probabilities: estimate.inlier_probabilities(measurements),
+            estimate,
+        }
+    }
+
+    /// That of a sequence: from what the command writes to its file of orientations, and from what else its frames say, as the
+    /// command does.
+    pub fn of_sequence(
+        orientations: &Orientations,
+        config: SpinConfig,
+        evidence: Option<&dyn SpinEvidence>,
+    ) -> Result<Self, SpinRejection> {
+        let measurements = orientations.measurements();
+        let config = orientations.spin_config(config);
+        let model = MotionModel::Auto;
+        let estimate = match evidence {
+            Some(evidence) => SpinEstimate::fit_with(&measurements, model, &config, evidence),
+            None => SpinEstimate::fit(&measurements, model, &config),
+        };
+        Ok(Self::new(estimate?, None, &measurements, &config, evidence))
+    }
+
+    /// For Python.
+    fn tuple<'py>(&self, py: Python<'py>, frame: CameraFrame) -> Found<'py> {
+        to_tuple(
+            py,
+            &self.summary.fit,
+            &self.estimate.motion,
+            frame,
+            &self.probabilities,
+            &self.summary.alternatives,
+            &self.estimate.clock,
+        )
+    }
+
+    /// For Python, or why there is none.
+    pub fn answer<'py>(
+        found: Result<Self, SpinRejection>,
+        py: Python<'py>,
+        frame: CameraFrame,
+    ) -> PyResult<Answer<Found<'py>>> {
+        match found {
+            Ok(found) => Ok(Answer::Found(found.tuple(py, frame))),
+            Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),
+        }
+    }
+}
+
 /// An estimate for Python, whose spin is that at `at_s`, by default what sums it up; its aliases are searched for in `measurements`.
-pub fn estimate_tuple<'py>(
+fn estimate_tuple<'py>(
     py: Python<'py>,
     estimate: &SpinEstimate,
     at_s: Option<f64>,
     measurements: &[Measurement],
     frame: CameraFrame,
     config: &SpinConfig,
-    evidence: Option<Arc<dyn SpinEvidence + Send + Sync>>,
 ) -> PyResult<Found<'py>> {
     let [from, to] = estimate.span_s();
     if let Some(at) = at_s.filter(|at| !(from..=to).contains(at)) {
@@ -134,31 +208,11 @@ pub fn estimate_tuple<'py>(
             format!("expected a time within the orientations' {from} to {to} s, found {at}");
         return Err(value_error("at_s", problem));
     }
-    let listed = AliasConfig {
-        max_rps: config.max_rps,
-        sigma_rad: config.sigma_rad,
-        ..AliasConfig::default()
-    };
-    let (owned, measured) = (estimate.clone(), measurements.to_vec());
-    let (summary, probabilities) = abandonable(py, move |_| {
-        let summary = owned.summary(&measured, at_s, &listed, measured.len());
-        let summary = match evidence {
-            Some(evidence) => summary.weighed(&*evidence, &listed),
-            None => summary,
-        };
-        (summary, owned.inlier_probabilities(&measured))
+    let (owned, measured, config) = (estimate.clone(), measurements.to_vec(), *config);
+    let found = abandonable(py, move |_| {
+        Estimated::new(owned, at_s, &measured, &config, None)
     })?;
-    let motion = &estimate.motion;
-    let aliases = &summary.alternatives;
-    Ok(to_tuple(
-        py,
-        &summary.fit,
-        motion,
-        frame,
-        &probabilities,
-        aliases,
-        &estimate.clock,
-    ))
+    Ok(found.tuple(py, frame))
 }
 
 /// A fit for Python, of this motion.
@@ -398,7 +452,7 @@ pub fn fit_spin<'py>(
                 Ok(fit) => {
                     let estimate = SpinEstimate::of_constant(fit, &measurements);
                     let mut found =
-                        estimate_tuple(py, &estimate, at_s, &measurements, frame, &config, None)?;
+                        estimate_tuple(py, &estimate, at_s, &measurements, frame, &config)?;
                     // Its own, by the plane of the quaternions.
                     found.7 = PyArray1::from_vec(py, members);
                     Ok(Answer::Found(found))
@@ -413,7 +467,7 @@ pub fn fit_spin<'py>(
     };
     match fitted {
         Ok(estimate) => {
-            let found = estimate_tuple(py, &estimate, at_s, &measurements, frame, &config, None)?;
+            let found = estimate_tuple(py, &estimate, at_s, &measurements, frame, &config)?;
             Ok(Answer::Found(found))
         }
         Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import PIL.Image
 import pytest
 from conftest import run
 
@@ -72,5 +73,14 @@ def test_balls_of_two_tables_keep_their_numbers(command, tmp_path):
     assert len(named) == 2
     assert all(len(tables) == 1 for tables in named.values())
     assert [b.frame.circle for b in balls.estimate(images[0])]
+    # In a mirror none keeps its pose, until it is said.
+    flipped = [np.ascontiguousarray(np.asarray(PIL.Image.open(image).convert("RGB"))[:, ::-1]) for image in images]
+    times = np.arange(6) / 350
+    heard: list[int] = []
+    mirrored = balls.estimate_sequence(flipped, times, color="rgb", progress=lambda done, _: heard.append(done))
+    assert not any(ball.frame.pose for frame in mirrored for ball in frame) and heard == [6]
+    read = balls.estimate_sequence(flipped, times, color="rgb", mirrored=True)
+    count = lambda found: sum(bool(ball.frame.pose) for frame in found for ball in frame)  # noqa: E731
+    assert count(read) == count(frames) > 0
     with pytest.raises(ValueError, match="balls"):
         spindoe.Balls(balls.estimators, count=0)

@@ -134,6 +134,11 @@ def test_a_data_set_in_python_is_that_of_the_command(tmp_path, clip):
             spindoe.dataset.write(folder / "a/images", estimator, tmp_path / "none", fps=fps)
     with pytest.raises(ValueError, match="intrinsics"):
         spindoe.dataset.write(folder / "a/images", spindoe.Estimator("dots20"), tmp_path / "none")
+    with pytest.raises(ValueError, match="half_window"):
+        spindoe.dataset.write(folder / "a/images", estimator, tmp_path / "none", half_window=0)
+    # In a mirror these are images of no such ball.
+    mirrored = spindoe.dataset.write(folder / "a/images", estimator, tmp_path / "mirrored", mirrored=True)
+    assert mirrored["clips"][0]["identified"] == 0 < record["clips"][0]["identified"]
     (tmp_path / "dataset.json").write_text("{}")
     with pytest.raises(ValueError, match=r"dataset\.json"):
         spindoe.dataset.read(tmp_path)

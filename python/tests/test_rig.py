@@ -212,6 +212,26 @@ def test_both_cameras_are_one_sequence(clips, tmp_path):
         rig.estimate_sequence(images[:1], times)
 
 
+def test_a_rig_is_drawn_as_its_cameras_see_it(clips):
+    rotation = pytest.importorskip("scipy.spatial.transform").Rotation
+    folder, _ = clips
+    rig, spin = spindoe.Rig(folder / "rig.yaml", "dots20"), (20.0, 150.0, -40.0)
+    drawn = list(spindoe.synth_rig(rig, 6, fps=200.0, seed=3, spin_rad_s=spin, exposure_s=2e-4))
+    again = list(spindoe.synth_rig(rig, 6, fps=200.0, seed=3, spin_rad_s=spin, exposure_s=2e-4))
+    turn = np.diag([1.0, -1, -1])
+    for ((left, a), (right, b)), same in zip(drawn, again, strict=True):
+        assert left.shape == right.shape == (280, 320, 3) and np.array_equal(right, same[1][0])
+        np.testing.assert_allclose(a.spin_rad_s, spin, rtol=1e-12)
+        np.testing.assert_allclose(turn @ b.spin_rad_s, ROTATION @ (turn @ a.spin_rad_s), atol=1e-6)
+        of = lambda truth: rotation.from_quat(np.roll(truth.quaternion_wxyz, -1)).as_matrix()  # noqa: E731
+        np.testing.assert_allclose(turn @ of(b), ROTATION @ turn @ of(a), atol=1e-6)
+    images = [[views[camera][0] for views in drawn] for camera in (0, 1)]
+    found = rig.estimate_sequence(images, [views[0][1].time_s for views in drawn], color="rgb")
+    assert found.spin and np.allclose(found.spin.spin_rad_s, spin, atol=0.05 * np.linalg.norm(spin))
+    with pytest.raises(ValueError, match="frames"):
+        spindoe.synth_rig(rig, -1, fps=200.0)
+
+
 def test_the_guides_example_runs(clips, root, monkeypatch):
     folder, (left, right) = clips
     monkeypatch.chdir(folder)

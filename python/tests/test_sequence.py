@@ -12,6 +12,7 @@ import xml.etree.ElementTree as ET
 import matplotlib
 import numpy as np
 import pandas
+import PIL.Image
 import pytest
 
 matplotlib.use("Agg")
@@ -88,6 +89,59 @@ def test_what_is_saved_is_loaded_bit_by_bit(found, clip, table, estimator, tmp_p
         given.save(path)
         _same(spindoe.SequenceEstimate.load(path), given)
     assert [child.name for child in tmp_path.iterdir()] == ["clip.npz"]
+
+
+def test_all_frames_together_judge_the_table_and_the_mirror(clip, estimator, table):
+    images, times = clip
+    wrong = spindoe.Estimator("dots32")
+    chosen = wrong.estimate_sequence(images, times, color="rgb", others=["dots24", table])
+    alone = estimator.estimate_sequence(images, times, color="rgb")
+    assert chosen.verdict.answer == alone.verdict.answer == "fits"
+    assert (chosen.verdict.table, alone.verdict.table) == (2, 0) and len(chosen.verdict.hypotheses) == 6
+    np.testing.assert_array_equal(chosen.quaternions_wxyz, alone.quaternions_wxyz)
+    assert chosen.spin and np.array_equal(chosen.spin.spin_rad_s, alone.spin.spin_rad_s)
+    # Another ball keeps no pose, and so does a mirrored one, until it is said.
+    none = wrong.estimate_sequence(images, times, color="rgb")
+    assert none.verdict.answer == "none" and not any(frame.pose for frame in none.frames) and not none.spin
+    flipped = [np.ascontiguousarray(image[:, ::-1]) for image in images]
+    mirrored = estimator.estimate_sequence(flipped, times, color="rgb")
+    assert mirrored.verdict.answer == "mirrored" and not any(frame.pose for frame in mirrored.frames)
+    read = estimator.estimate_sequence(flipped, times, color="rgb", mirrored=True)
+    np.testing.assert_array_equal(read.quaternions_wxyz, alone.quaternions_wxyz)
+    unjudged = estimator.estimate_sequence(images, times, color="rgb", judge=False)
+    assert unjudged.verdict is None
+    np.testing.assert_array_equal(unjudged.quaternions_wxyz, alone.quaternions_wxyz)
+
+
+def test_a_region_and_a_rolling_shutter(clip, estimator, table, command, tmp_path):
+    images, times = clip
+    # Beside the ball there is nothing: a region says which part shows it.
+    height, width = images[0].shape[:2]
+    wide = [np.concatenate([np.full_like(image, 90), image], axis=1) for image in images]
+    found = estimator.estimate_sequence(wide, times, color="rgb", roi=(width, 0, width, height))
+    alone = estimator.estimate_sequence(images, times, color="rgb")
+    posed = [bool(a.pose) and bool(b.pose) for a, b in zip(found.frames, alone.frames, strict=True)]
+    assert sum(posed) >= 11
+    beside = estimator.estimate_sequence(wide, times, color="rgb", roi=(0, 0, width, height))
+    assert not any(frame.pose for frame in beside.frames)
+    for roi in [(0, 0, 0, 4), (0, 0, 4), (-1, 0, 4, 4)]:
+        with pytest.raises(ValueError, match="roi"):
+            estimator.estimate_sequence(images, color="rgb", roi=roi)
+    # The rows of a slow clip: the command's times and spin.
+    drawn = list(spindoe.synth(table, 8, seed=5, fps=200.0, spin_rad_s=(0.0, 30.0, 9.0), **EASY))
+    slow, at = [image for image, _ in drawn], [truth.time_s for _, truth in drawn]
+    for k, (image, time_s) in enumerate(zip(slow, at, strict=True)):
+        PIL.Image.fromarray(image).save(tmp_path / f"{k}.png")
+    (tmp_path / "times.csv").write_text("frame,time_s\n" + "".join(f"{k},{t!r}\n" for k, t in enumerate(at)))
+    table.save(tmp_path / "table.npz")
+    flags = ["--times", tmp_path / "times.csv", "--readout-ms", 2, "--json"]
+    theirs = json.loads(run(command, "estimate", "--table", tmp_path / "table.npz", *flags, *sorted(tmp_path.glob("*.png"))))
+    ours = estimator.estimate_sequence(slow, at, color="rgb", readout_s=0.002)
+    np.testing.assert_allclose(ours.times_s, [frame["time_s"] for frame in theirs["frames"]], rtol=0, atol=1e-12)
+    assert np.abs(ours.times_s - at).min() > 1e-4
+    np.testing.assert_allclose(ours.spin.spin_rad_s, theirs["spin"]["spin_rad_s"], rtol=1e-6)
+    with pytest.raises(ValueError, match="readout_s"):
+        estimator.estimate_sequence(images, times, color="rgb", readout_s=-1.0)
 
 
 def test_numpy_reads_what_is_saved(found, tmp_path):

@@ -184,8 +184,8 @@ pub(super) fn say_not_increasing<K>(batch: &Batch<K>, inputs: &[PathBuf], so: &s
 /// The file of each frame.
 pub(super) fn files_of<K>(batch: &Batch<K>) -> Vec<PathBuf> {
     let of = |(source, count): &(Source, usize)| {
-        let (Source::Image(path) | Source::Video(path)) = source;
-        std::iter::repeat_n(path.clone(), *count)
+        let path = source.path().unwrap_or(Path::new(""));
+        std::iter::repeat_n(path.to_owned(), *count)
     };
     batch.sources.iter().flat_map(of).collect()
 }
@@ -276,6 +276,7 @@ pub(super) fn times_words(times: &TimeSource, count: usize) -> Option<String> {
         }
         TimeSource::Rate { fps } => format!("{fps} fps as given by --fps"),
         TimeSource::Table => "from the table".into(),
+        TimeSource::Stated => "as stated with the frames".into(),
         TimeSource::Video(clock) => video_words(&clock),
     };
     Some(words)

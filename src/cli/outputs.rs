@@ -86,14 +86,13 @@ pub(super) fn check(command: &Command, given: &ArgMatches) -> Result<()> {
 /// Whether a file is one of a folder's frames.
 #[cfg(feature = "vision")]
 fn is_frame_of(folder: &Path, file: &Path) -> bool {
-    use crate::source::files::{Source, sources};
+    use crate::source::files::sources;
     if !folder.is_dir() || !file.is_file() {
         return false;
     }
     let frames = sources(&[folder.to_path_buf()]).unwrap_or_default();
-    frames.iter().any(|frame| match frame {
-        Source::Image(path) | Source::Video(path) => is_same(path, file),
-    })
+    let mut paths = frames.iter().filter_map(|frame| frame.path());
+    paths.any(|path| is_same(path, file))
 }
 
 #[cfg(not(feature = "vision"))]

@@ -6,6 +6,7 @@ use super::ball_tracks::NumberedBalls;
 use super::balls::BallEstimate;
 use super::focal::FocalDoubt;
 use super::judgment::Judgment;
+use super::orientations::NamedFrame;
 use super::sequence::SequenceSummary;
 use super::times::TimeSource;
 use crate::error::Result;
@@ -146,6 +147,24 @@ impl<K> Batch<K> {
     pub fn identified(&self) -> usize {
         let balls = self.frames.iter().flat_map(|f| &f.balls);
         balls.filter(|b| b.frame.pose().is_some()).count()
+    }
+
+    /// Number of frames of one ball that had an orientation before they informed each other; without times all that have one.
+    pub fn independent(&self) -> usize {
+        match &self.sequence {
+            SequenceOutcome::Estimated { summary, .. } => summary.alone,
+            _ => self.identified(),
+        }
+    }
+
+    /// The frames with their names and times.
+    pub fn named(&self) -> Vec<NamedFrame<'_>> {
+        let named = self.frames.iter().map(|frame| NamedFrame {
+            name: &frame.name,
+            time_s: frame.time_s,
+            estimate: frame.estimate(),
+        });
+        named.collect()
     }
 
     /// The frames' times, seconds, where they are a sequence.

@@ -12,7 +12,7 @@ use crate::vision::frame::prior::{Budget, OutlinePrior};
 /// Where the times of the frames come from.
 #[derive(Debug, Clone, Default)]
 pub enum FrameClock {
-    /// From the names of the files, or the video.
+    /// From the names of the files, or the video, or as they were stated with frames in memory.
     #[default]
     Inputs,
     /// The frames follow each other evenly, at so many a second.

@@ -275,6 +275,26 @@ impl Judgment {
         Ok(decisive.unwrap_or_default())
     }
 
+    /// The verdict in a word: fits, mirrored, tied, none or open.
+    pub fn as_str(&self) -> &'static str {
+        match self.verdict {
+            Verdict::Open => "open",
+            Verdict::None { .. } => "none",
+            Verdict::Tied { .. } => "tied",
+            Verdict::Fits { .. } if self.is_mirrored() => "mirrored",
+            Verdict::Fits { .. } => "fits",
+        }
+    }
+
+    /// Lead of the verdict over the next best, ln of the odds, where it has one that is finite.
+    pub fn ln_odds(&self) -> Option<f64> {
+        match self.verdict {
+            Verdict::Fits { ln_lead, .. } | Verdict::Tied { ln_lead, .. } => Some(ln_lead),
+            Verdict::Open | Verdict::None { .. } => None,
+        }
+        .filter(|lead| lead.is_finite())
+    }
+
     /// Whether the images are mirrored.
     pub fn is_mirrored(&self) -> bool {
         match self.verdict {

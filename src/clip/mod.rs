@@ -37,10 +37,10 @@ pub use orientations::{NamedFrame, orientations};
 pub use painted::SurfaceObserver;
 pub use rig::{
     CameraAgreement, CameraClip, ClockCheck, Fusion, Misfit, RigClip, RigConfig, RigDoubt,
-    RigFrame, RigOutcome, combine, run_rig,
+    RigFrame, RigOutcome, combine, run_rig, run_rig_sources,
 };
 pub use rolling::{SequenceRows, seen_times};
-pub use run::run;
+pub use run::{run, run_sources};
 pub use sequence::{
     FrameInDoubt, ImageResults, ImageWork, SequenceConfig, SequenceSummary, estimate_passes,
     estimate_sequence, estimate_spin, frames_in_doubt, held_images, second_pass,

@@ -1,4 +1,4 @@
-//! The one way of a clip: its frames of files, folders and videos, each estimated on all cores, then together.
+//! The one way of a clip: its frames of files, folders, videos and memory, each estimated on all cores, then together.
 //!
 //! ```text
 //! table     of several tables of one ball that of the first frames that can say               (choice)
@@ -45,11 +45,23 @@ pub fn run<'a, O: BatchObserver>(
     config: &BatchConfig,
     observer: &O,
 ) -> Result<Batch<O::Kept>> {
+    run_sources(work, &files::list_sources(inputs)?, config, observer)
+}
+
+/// Does a work on the frames of sources, in their order: those of files as [`files::list_sources`] has them, or frames in memory.
+///
+/// # Errors
+/// Those of [`run`].
+pub fn run_sources<'a, O: BatchObserver>(
+    work: impl Into<Work<'a>>,
+    listed: &SourceList,
+    config: &BatchConfig,
+    observer: &O,
+) -> Result<Batch<O::Kept>> {
     let work = work.into();
     if let Work::Poses([]) = work {
         return Err(Error::argument("table", "expected at least one"));
     }
-    let listed = files::list_sources(inputs)?;
     let sources: Vec<&Source> = listed.sources.iter().collect();
     let anew = || Reading::new(&sources, config);
     let mut pass = Pass::new(work, config, observer);
@@ -60,13 +72,13 @@ pub fn run<'a, O: BatchObserver>(
             reading = anew();
         }
     }
-    let mut batch = pass.all(reading, &listed)?;
+    let mut batch = pass.all(reading, listed)?;
     if config.verdict {
         let judgment = Judgment::of_clip(&pass.work, pass.table, config, &mut batch)?;
         if judgment.table != pass.table {
             // Which outlines were tried depends on the table: those of the right one are the answer.
             pass.table = judgment.table;
-            batch = pass.all(anew(), &listed)?;
+            batch = pass.all(anew(), listed)?;
         }
         batch.judgment = judgment;
     }
@@ -131,6 +143,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
             return Err(error);
         }
         let (mut clock, mut cut_short) = (None, Vec::new());
+        let is_stated = !read.is_empty() && read.iter().all(|(_, end)| end.is_stated);
         let mut first = 0;
         for (source, (count, end)) in listed.sources.iter().zip(&read) {
             let scale = end.clock.map_or(1.0, |clock| clock.time_scale());
@@ -146,7 +159,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
         }
         let counts = read.into_iter().map(|(count, _)| count);
         let mut batch = Batch {
-            times: set_times(&self.config.clock, clock, &mut frames)?,
+            times: set_times(&self.config.clock, (clock, is_stated), &mut frames)?,
             frames,
             sequence: SequenceOutcome::Apart,
             judgment: Judgment::default(),

@@ -110,7 +110,13 @@ impl<O: BatchObserver> Pass<'_, O> {
                     Ok(found.into_iter().filter_map(one).collect())
                 })
             }
-            _ => Ok(SequenceSummary::default()),
+            _ => {
+                let posed = estimates.iter().filter(|f| f.pose().is_some()).count();
+                Ok(SequenceSummary {
+                    alone: posed,
+                    together: posed,
+                })
+            }
         };
         let seen_s = seen_times(config.row_s, &times, &estimates);
         let spin = estimate_spin(config, &seen_s, &estimates);

@@ -39,6 +39,8 @@ pub enum TimeSource {
     },
     /// A table.
     Table,
+    /// They were stated with the frames.
+    Stated,
     /// The time stamps of a video.
     Video(VideoClock),
 }
@@ -64,13 +66,14 @@ impl TimeSource {
     }
 }
 
-/// Sets the times of all frames; where they come from.
+/// Sets the times of all frames, unless all were stated with them; where they come from.
 pub(super) fn set_times<K>(
     clock: &FrameClock,
-    video: Option<VideoClock>,
+    (video, is_stated): (Option<VideoClock>, bool),
     frames: &mut [BatchFrame<K>],
 ) -> Result<TimeSource> {
     match clock {
+        FrameClock::Inputs if is_stated => Ok(TimeSource::Stated),
         FrameClock::Inputs => Ok(input_times(video, frames)),
         FrameClock::FramesPerSecond(rate) => {
             for (k, frame) in frames.iter_mut().enumerate() {

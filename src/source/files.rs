@@ -11,6 +11,7 @@ use std::cmp::Ordering;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
+use super::held::HeldFrames;
 use super::video::VideoSource;
 use super::{Frame, FrameSource, stack, stem};
 use crate::error::{Error, Result};
@@ -98,13 +99,25 @@ pub fn time_of_stem(stem: &str) -> Option<f64> {
     crate::files::nanoseconds(stem).map(|ns| ns as f64 / 1e9)
 }
 
-/// A file to read frames from.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// What frames are read from.
+#[derive(Debug, Clone, PartialEq)]
 pub enum Source {
     /// One image.
     Image(PathBuf),
     /// A video.
     Video(PathBuf),
+    /// Frames in memory.
+    Held(HeldFrames),
+}
+
+impl Source {
+    /// The file, where it is one.
+    pub fn path(&self) -> Option<&Path> {
+        match self {
+            Self::Image(path) | Self::Video(path) => Some(path),
+            Self::Held(_) => None,
+        }
+    }
 }
 
 /// Files in a folder that are no images, which are passed over.
@@ -117,12 +130,21 @@ pub struct SkippedFiles {
 }
 
 /// What files and folders hold.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct SourceList {
     /// The sources, in order.
     pub sources: Vec<Source>,
     /// What is passed over.
     pub skipped: Vec<SkippedFiles>,
+}
+
+impl From<HeldFrames> for SourceList {
+    fn from(frames: HeldFrames) -> Self {
+        Self {
+            sources: vec![Source::Held(frames)],
+            skipped: Vec::new(),
+        }
+    }
 }
 
 /// The sources behind files and folders, in order, and what the folders hold beside. A file that is
@@ -219,13 +241,16 @@ pub fn open(source: &Source, max_pixels: u64) -> Result<Box<dyn FrameSource + Se
             several: None,
         }),
         Source::Video(path) => Box::new(VideoSource::open(path, max_pixels)?),
+        Source::Held(frames) => Box::new(frames.open()),
     })
 }
 
 /// How many frames a source has, as far as that can be known without decoding them.
 pub fn frame_count(source: &Source) -> Option<usize> {
-    let Source::Image(path) = source else {
-        return None;
+    let path = match source {
+        Source::Image(path) => path,
+        Source::Video(_) => return None,
+        Source::Held(frames) => return Some(frames.count()),
     };
     // Others hold one picture.
     if !has_ending(path, &["png", "gif", "webp", "tif", "tiff"]) {

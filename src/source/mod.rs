@@ -1,5 +1,5 @@
-//! Where frames come from: image files ([`files`]), videos ([`video`]), pipes ([`pipe`]), and cameras that do not
-//! wait ([`grab`]).
+//! Where frames come from: image files ([`files`]), videos ([`video`]), memory ([`held`]), pipes ([`pipe`]), and cameras that do
+//! not wait ([`grab`]).
 //!
 //! All of them are a [`FrameSource`]: a [`Frame`] has its pixels and, where the source knows it, its time. Who reads
 //! frames hands in the memory that they are read into.
@@ -8,6 +8,7 @@
 
 pub mod files;
 pub mod grab;
+pub mod held;
 pub mod pipe;
 mod stack;
 pub mod video;
@@ -67,6 +68,8 @@ pub struct SourceEnd {
     pub clock: Option<VideoClock>,
     /// Why a video ends early, where it does.
     pub cut_short: Option<String>,
+    /// Whether the frames' times were stated with them, as those of frames in memory are.
+    pub is_stated: bool,
 }
 
 /// Hands out frames one by one.

@@ -4,9 +4,12 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::Value;
-use spindoe::clip::{self, BallEstimate, Batch, BatchConfig, BatchFrame, BatchObserver, Work};
+use spindoe::clip::{
+    self, BallEstimate, Batch, BatchConfig, BatchFrame, BatchObserver, SequenceOutcome, Work,
+};
 use spindoe::geometry::CameraFrame;
-use spindoe::image::RgbImage;
+use spindoe::image::{DEFAULT_MAX_PIXELS, Picture, RgbImage};
+use spindoe::source::held::HeldFrames;
 use spindoe::spin::orientations::{OrientationReader, Orientations};
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig};
 
@@ -79,6 +82,64 @@ fn the_first_frames_that_show_the_ball_choose_its_table() {
         // With the right table from the first frame on, none is estimated twice.
         assert_eq!(counted.0.into_inner(), blank + shown, "{turn}");
     }
+}
+
+/// The answers do not depend on where the frames lie: the table, the mirror image, times, poses and spin are those of the files.
+#[test]
+fn frames_in_memory_are_a_clip_as_files_are() {
+    let dir = tempfile::tempdir().unwrap();
+    let make = [
+        "synth", "dots20", "--frames", "8", "--seed", "3", "--fps", "200", "--rps", "9", "-o", "c",
+    ];
+    done(dir.path(), &make);
+    let images = dir.path().join("c/images");
+    let right = spindoe::pattern::Pattern::read_csv(&dir.path().join("c/pattern.csv")).unwrap();
+    let tables = [random_pattern(20, 5), right].map(|pattern| {
+        let detector = DetectorName::Cnn.build().unwrap();
+        Estimator::new(&pattern, EstimatorConfig::default(), detector).unwrap()
+    });
+    let config = BatchConfig {
+        verdict: true,
+        ..BatchConfig::default()
+    };
+    let filed = clip::run(Work::Poses(&tables), &[images], &config, &()).unwrap();
+    let times_s: Vec<f64> = filed.frames.iter().filter_map(|f| f.time_s).collect();
+    let read = |frame: &BatchFrame<()>| Picture::read(&frame.path, DEFAULT_MAX_PIXELS).unwrap();
+    let pictures: Vec<Picture> = filed.frames.iter().map(read).collect();
+    let estimate = |pictures: Vec<Picture>, config: &BatchConfig| {
+        let held = HeldFrames::new(pictures).at(&times_s).unwrap();
+        clip::run_sources(Work::Poses(&tables), &held.into(), config, &()).unwrap()
+    };
+    let held = estimate(pictures.clone(), &config);
+    assert_eq!((filed.judgment.table, held.judgment.table), (1, 1));
+    assert_eq!(poses(&held), poses(&filed));
+    assert!(held.identified() >= 7 && held.times_s() == filed.times_s());
+    let spin = |batch: &Batch<()>| match &batch.sequence {
+        SequenceOutcome::Estimated { spin, .. } => spin.as_ref().unwrap().motion.spin,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(spin(&held), spin(&filed));
+    let flipped: Vec<Picture> = pictures
+        .into_iter()
+        .map(|p| p.mirrored().unwrap())
+        .collect();
+    let judged = estimate(flipped.clone(), &config);
+    assert_eq!(
+        (judged.judgment.as_str(), judged.identified()),
+        ("mirrored", 0)
+    );
+    let mirrored = BatchConfig {
+        mirrored: true,
+        ..config
+    };
+    assert_eq!(poses(&estimate(flipped, &mirrored)), poses(&filed));
+    let few = HeldFrames::new(Vec::<Picture>::new())
+        .at(&[0.0])
+        .unwrap_err();
+    assert!(
+        few.is_usage() && few.to_string().contains("times_s"),
+        "{few}"
+    );
 }
 
 /// Two balls, as a camera and as a mirror shows them.

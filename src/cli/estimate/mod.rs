@@ -121,7 +121,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     }
     let frame = asked.frame()?;
     let smears = arguments.smears(&estimators[table], frame, &batch);
-    let named = output::named_frames(&batch);
+    let named = batch.named();
     let row_s = config.row_s(&batch.frames);
     let rows = SequenceRows::new(&estimators[table], row_s, &named, frame);
     let evidence = Evidence {
@@ -222,6 +222,6 @@ impl Arguments {
         batch: &Batch<Picture>,
     ) -> Option<SequenceSmears> {
         let exposure_s = 1e-3 * self.exposure_ms?;
-        SequenceSmears::new(estimator, &output::named_frames(batch), exposure_s, frame)
+        SequenceSmears::new(estimator, &batch.named(), exposure_s, frame)
     }
 }

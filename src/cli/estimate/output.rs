@@ -10,7 +10,6 @@ use super::{Arguments, Asked, Picture};
 use crate::cli::motion::Motion;
 use crate::cli::spin_summary;
 use crate::clip::orientations;
-use crate::clip::orientations::NamedFrame;
 use crate::clip::rolling::SequenceRows;
 use crate::clip::smears::SequenceSmears;
 use crate::clip::{Batch, BatchFrame, SequenceOutcome};
@@ -70,20 +69,10 @@ impl Evidence<'_> {
     }
 }
 
-/// The frames of a batch with their names and times.
-pub(super) fn named_frames<K>(batch: &Batch<K>) -> Vec<NamedFrame<'_>> {
-    let named = batch.frames.iter().map(|frame| NamedFrame {
-        name: &frame.name,
-        time_s: frame.time_s,
-        estimate: frame.estimate(),
-    });
-    named.collect()
-}
-
 /// The file of orientations.
 fn file_of(frame: CameraFrame, batch: &Batch<Picture>) -> Orientations {
     let is_sequence = matches!(batch.sequence, SequenceOutcome::Estimated { .. });
-    orientations(&named_frames(batch), frame, is_sequence)
+    orientations(&batch.named(), frame, is_sequence)
 }
 
 /// The rows of the frames, whose orientations are those of a file.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::output::{self, Report};
+use super::output::Report;
 use super::painted::{Drawing, Seen};
 use super::written::{ClipRows, FoundSpin};
 use super::{Picture, balls, overlay};
@@ -30,7 +30,7 @@ pub(super) fn write(
     let ball = ShownBall {
         carries: Carried::Dots(estimator.ball()),
         number: None,
-        frames: output::named_frames(batch),
+        frames: batch.named(),
         orientations: report.rows().orientations(),
         spin: report.spin(),
         sequence: &batch.sequence,
@@ -87,7 +87,7 @@ pub(super) fn write_painted(
             poses: drawing.poses,
         },
         number: None,
-        frames: output::named_frames(batch),
+        frames: batch.named(),
         orientations: rows.orientations(),
         spin: spin.map(|spin| constant(spin, rows.axes)),
         sequence: &batch.sequence,

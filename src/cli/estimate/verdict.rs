@@ -84,18 +84,9 @@ impl<'a> VerdictWords<'a> {
 
     /// The evidence for all hypotheses.
     pub fn to_json(self) -> Value {
-        let name = match self.judgment.verdict {
-            _ if self.judgment.hypotheses.is_empty() => return Value::Null,
-            Verdict::Open => "open",
-            Verdict::None { .. } => "none",
-            Verdict::Tied { .. } => "tied",
-            Verdict::Fits { .. } if self.judgment.is_mirrored() => "mirrored",
-            Verdict::Fits { .. } => "fits",
-        };
-        let ln_odds = match self.judgment.verdict {
-            Verdict::Fits { ln_lead, .. } | Verdict::Tied { ln_lead, .. } => Some(ln_lead),
-            _ => None,
-        };
+        if self.judgment.hypotheses.is_empty() {
+            return Value::Null;
+        }
         let hypotheses = self.judgment.hypotheses.iter().map(|h| {
             json!({
                 "table": self.table_name(h.table),
@@ -107,9 +98,9 @@ impl<'a> VerdictWords<'a> {
             })
         });
         json!({
-            "verdict": name,
+            "verdict": self.judgment.as_str(),
             "table": self.table_name(self.judgment.table),
-            "ln_odds": ln_odds.filter(|l| l.is_finite()),
+            "ln_odds": self.judgment.ln_odds(),
             "hypotheses": hypotheses.collect::<Vec<_>>(),
         })
     }

@@ -1,4 +1,4 @@
-//! The clips of a rig's cameras in files.
+//! The clips of a rig's cameras, in files or in memory.
 
 use std::path::PathBuf;
 
@@ -6,12 +6,13 @@ use super::{CameraClip, RigConfig, RigOutcome, combine};
 use crate::clip::balls::BallEstimate;
 use crate::clip::batch::{Batch, BatchFrame, BatchObserver, SequenceOutcome};
 use crate::clip::config::BatchConfig;
-use crate::clip::run::{Pass, run};
+use crate::clip::run::{Pass, run_sources};
 use crate::clip::sequence::{ImageWork, SequenceSummary};
 use crate::clip::times::TimeSource;
 use crate::clip::work::{Work, Worker};
 use crate::error::{Error, Result};
 use crate::image::ImageView;
+use crate::source::files::{SourceList, list_sources};
 use crate::vision::estimator::Estimator;
 use crate::vision::frame::estimate::FrameEstimate;
 use crate::vision::optics::rig::Rig;
@@ -31,11 +32,27 @@ pub struct RigClip<K> {
 /// for each camera one estimator a table, with that camera's intrinsics.
 ///
 /// # Errors
-/// Those of [`run`] and [`combine`]; [`Error::Argument`] where inputs or estimators are not one list for each camera.
+/// Those of [`run`](crate::clip::run()) and [`combine`]; [`Error::Argument`] where inputs or estimators are not one list for each camera.
 pub fn run_rig<O: BatchObserver>(
     rig: &Rig,
     tables: &[Vec<Estimator>],
     inputs: &[Vec<PathBuf>],
+    config: &BatchConfig,
+    observer: &O,
+) -> Result<RigClip<O::Kept>> {
+    let listed = inputs.iter().map(|inputs| list_sources(inputs));
+    let listed: Vec<SourceList> = listed.collect::<Result<_>>()?;
+    run_rig_sources(rig, tables, &listed, config, observer)
+}
+
+/// The same of sources, as [`run_sources`] takes them: one list for each camera.
+///
+/// # Errors
+/// Those of [`run_rig`].
+pub fn run_rig_sources<O: BatchObserver>(
+    rig: &Rig,
+    tables: &[Vec<Estimator>],
+    inputs: &[SourceList],
     config: &BatchConfig,
     observer: &O,
 ) -> Result<RigClip<O::Kept>> {
@@ -50,7 +67,7 @@ pub fn run_rig<O: BatchObserver>(
         }
     }
     let each = tables.iter().zip(inputs);
-    let batches = each.map(|(tables, inputs)| run(&tables[..], inputs, config, observer));
+    let batches = each.map(|(tables, inputs)| run_sources(&tables[..], inputs, config, observer));
     let mut batches: Vec<Batch<O::Kept>> = batches.collect::<Result<_>>()?;
     let mut clips: Vec<CameraClip<'_>> = batches
         .iter_mut()
@@ -128,15 +145,11 @@ fn together<K: Default>(
         }
     });
     let is_timed = outcome.frames.len() > 1 && outcome.frames.iter().all(|f| f.time_s.is_some());
-    let alone = |batch: &Batch<K>| match &batch.sequence {
-        SequenceOutcome::Estimated { summary, .. } => summary.alone,
-        _ => batch.identified(),
-    };
     let sequence = match is_timed {
         false => SequenceOutcome::NoTimes,
         true => SequenceOutcome::Estimated {
             summary: SequenceSummary {
-                alone: batches.iter().map(alone).max().unwrap_or(0),
+                alone: batches.iter().map(Batch::independent).max().unwrap_or(0),
                 together: outcome.answered(),
             },
             spin: outcome.spin(&config.sequence),

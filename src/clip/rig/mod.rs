@@ -41,7 +41,7 @@ use crate::vision::optics::rig::Rig;
 
 pub use self::agreement::{CameraAgreement, ClockCheck};
 pub use self::doubt::RigDoubt;
-pub use self::files::{RigClip, run_rig};
+pub use self::files::{RigClip, run_rig, run_rig_sources};
 
 /// What a camera's frames were estimated with, and what came of it.
 #[derive(Debug)]
