@@ -185,6 +185,7 @@ impl VideoSource {
                 true => log.damage,
                 false => Some(log.damage.unwrap_or(log.last)),
             },
+            is_stated: false,
         };
         Ok(())
     }
