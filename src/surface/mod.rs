@@ -26,6 +26,7 @@ mod fit;
 mod frame;
 mod laid;
 mod mapper;
+mod order;
 mod search;
 mod surface_map;
 mod track;
