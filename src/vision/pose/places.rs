@@ -13,7 +13,8 @@
 //! searched ([`rotations`](super::rotations)); the best are improved step by step, with the outline.
 
 use super::rotations::{
-    self, RotationMatch, RotationSearch, SearchWorkspace, Start, Terms, cell, min_depth, on_plane,
+    self, RotationMatch, RotationSearch, SearchWorkspace, Terms, TriedRotation, cell, min_depth,
+    on_plane,
 };
 use super::trust::PlacesEvidence;
 use crate::geometry::{Rotation, Vec3};
@@ -135,7 +136,7 @@ fn score(dots: &[Vec3], terms: &Terms, fit: &Alignment) -> f64 {
 }
 
 impl Alignment {
-    fn new(start: &Start) -> Self {
+    fn new(start: &TriedRotation) -> Self {
         Self {
             rotation: start.rotation,
             inverse_distance: start.inverse_distance,

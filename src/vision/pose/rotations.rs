@@ -36,7 +36,7 @@ pub(super) type Terms = [f32; CELLS * CELLS];
 
 /// A rotation to be fitted, under a camera at `1 / inverse_distance` radii.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Start {
+pub(super) struct TriedRotation {
     /// Pattern to view frame.
     pub rotation: Rotation,
     pub inverse_distance: f64,
@@ -117,7 +117,7 @@ impl RotationSearch {
         proposed: impl Iterator<Item = Rotation>,
         ws: &mut SearchWorkspace,
         found: &mut Vec<RotationMatch<F>>,
-        mut fit: impl FnMut(Start, &Terms) -> Option<(F, f64)>,
+        mut fit: impl FnMut(TriedRotation, &Terms) -> Option<(F, f64)>,
     ) {
         let SearchWorkspace {
             terms,
@@ -133,7 +133,7 @@ impl RotationSearch {
                 best_apart(scores, considered, starts);
                 let inverse_distance = inverse_distance.unwrap_or(table.inverse_distance);
                 found.extend(starts.drain(..).filter_map(|rotation| {
-                    let start = Start {
+                    let start = TriedRotation {
                         rotation,
                         inverse_distance,
                         is_mirrored,
