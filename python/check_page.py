@@ -7,6 +7,7 @@ one is absent it says SKIPPED and exits with 77. Prints one line a check; exits 
 """
 
 import argparse
+import base64
 import hashlib
 import json
 import pathlib
@@ -185,6 +186,31 @@ def check_estimate(page, checks, data):
     for ball in data["content"]["balls"]:
         part = "" if ball["number"] is None else f"ball-{ball['number']}-"
         check_ball(page, checks, part, ball["frames"])
+        if ball["paint"]:
+            check_paint(page, checks, part, ball)
+
+
+def check_paint(page, checks, part, ball):
+    """The ball's surface is drawn on it, and what is said of frames is of paint."""
+    values = base64.b64decode(ball["paint"]["values"])
+    checks.that(len(values) == ball["paint"]["columns"] * ball["paint"]["rows"], "the surface has all its values")
+    # Painted over with one shade the ball looks different: its surface is what is drawn.
+    before = picture(page, f"#{part}ball canvas.view")
+    draw = f"document.querySelector('#{part}ball input[type=range]').dispatchEvent(new Event('input'))"
+    page.evaluate(
+        """() => { const own = (Stage.prototype.own = Stage.prototype.texture);
+        const bare = (p) => p && { ...p, values: btoa("\\xff".repeat(p.columns * p.rows)) };
+        Stage.prototype.texture = function (p) { return own.call(this, bare(p)); }; }"""
+    )
+    page.evaluate(draw)
+    settle(page)
+    checks.that(picture(page, f"#{part}ball canvas.view") != before, "the ball shows its surface")
+    page.evaluate("() => { Stage.prototype.texture = Stage.prototype.own; }")
+    page.evaluate(draw)
+    settle(page)
+    checks.that(picture(page, f"#{part}ball canvas.view") == before, "and again")
+    words = page.locator(f"#{part}ball pre").inner_text()
+    checks.that("agreement" in words and "dots" not in words, "a frame says how well it agrees with the surface")
 
 
 def check_ball(page, checks, part, frames):

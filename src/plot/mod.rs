@@ -33,8 +33,8 @@ pub use features::{FEATURES_SIZE, feature_plot};
 pub use offsets::{OFFSET_SCALE, OffsetDot, OffsetMark, offset_views};
 #[cfg(feature = "vision")]
 pub use overlay::{
-    OVERLAY_SIDE, OverlayDot, OverlayFrame, OverlayOutline, OverlayPixels, SHEET_FRAMES,
-    contact_sheet, frame_overlay, frame_thumbnail, overlay_pixels,
+    OVERLAY_SIDE, OverlayDot, OverlayFrame, OverlayMarks, OverlayOutline, OverlayPixels,
+    SHEET_FRAMES, contact_sheet, frame_overlay, frame_thumbnail, overlay_pixels,
 };
 pub use recognition::{RECOGNITION_VIEW_SIZE, RecognitionView, recognition_views};
 pub use stencil::{STENCIL_SIZE, stencil_views};

@@ -39,11 +39,23 @@ const OUTLINE: RGBColor = RGBColor(0, 220, 120);
 const NAMED: RGBColor = RGBColor(60, 200, 255);
 const UNNAMED: RGBColor = RGBColor(255, 90, 60);
 const EXPECTED: RGBColor = RGBColor(255, 230, 40);
-const LEGEND_ENTRIES: [(&str, RGBColor); 4] = [
-    ("outline", OUTLINE),
-    ("identified", NAMED),
-    ("not identified", UNNAMED),
-    ("expected", EXPECTED),
+
+/// How a color of the legend is drawn.
+#[derive(Debug, Clone, Copy)]
+enum Sign {
+    Ring,
+    Cross,
+    Line,
+}
+const DOTS_LEGEND: &[(&str, RGBColor, Sign)] = &[
+    ("outline", OUTLINE, Sign::Ring),
+    ("identified", NAMED, Sign::Ring),
+    ("not identified", UNNAMED, Sign::Ring),
+    ("expected", EXPECTED, Sign::Cross),
+];
+const PAINT_LEGEND: &[(&str, RGBColor, Sign)] = &[
+    ("outline", OUTLINE, Sign::Ring),
+    ("borders of the paint, as expected", EXPECTED, Sign::Line),
 ];
 
 /// A detection to draw.
@@ -79,10 +91,40 @@ pub struct OverlayFrame {
     pub image: RgbImage,
     /// The balls' outlines.
     pub outlines: Vec<OverlayOutline>,
-    /// The detections.
-    pub dots: Vec<OverlayDot>,
-    /// The pattern's dots as the orientation has them: number, place, and z on the unit ball.
-    pub expected: Vec<(u16, Pixel, f64)>,
+    /// What is drawn on the balls.
+    pub marks: OverlayMarks,
+}
+
+/// What is drawn on the balls of a frame.
+#[derive(Debug, Clone, PartialEq)]
+pub enum OverlayMarks {
+    /// Balls with dots.
+    Dots {
+        /// The detections.
+        found: Vec<OverlayDot>,
+        /// The pattern's dots as the orientation has them: number, place, and z on the unit ball.
+        expected: Vec<(u16, Pixel, f64)>,
+    },
+    /// A painted ball: the borders of its marks as the orientation has them, in pieces.
+    Paint(Vec<[Pixel; 2]>),
+}
+
+impl Default for OverlayMarks {
+    fn default() -> Self {
+        Self::Dots {
+            found: Vec::new(),
+            expected: Vec::new(),
+        }
+    }
+}
+
+impl OverlayMarks {
+    fn legend(&self) -> &'static [(&'static str, RGBColor, Sign)] {
+        match self {
+            Self::Dots { .. } => DOTS_LEGEND,
+            Self::Paint(_) => PAINT_LEGEND,
+        }
+    }
 }
 
 impl OverlayFrame {
@@ -94,8 +136,7 @@ impl OverlayFrame {
             refused: true,
             image: RgbImage::default(),
             outlines: Vec::new(),
-            dots: Vec::new(),
-            expected: Vec::new(),
+            marks: OverlayMarks::default(),
         }
     }
 }
@@ -111,7 +152,8 @@ pub struct OverlayPixels {
 
 /// Draws one frame, at its own scale or enlarged by a whole number where it is small. Circles: the
 /// outline green; identified detections blue, others red, with their probability in percent; crosses
-/// with numbers, yellow: where the orientation expects the pattern's dots. A legend stands beneath.
+/// with numbers, yellow: where the orientation expects the pattern's dots; lines, yellow: where it expects the borders of paint. A
+/// legend stands beneath.
 ///
 /// # Errors
 /// [`Error::Write`](crate::Error::Write) where the system refuses.
@@ -137,7 +179,7 @@ pub fn overlay_pixels(frame: &OverlayFrame, side: u32) -> Result<OverlayPixels> 
         let words = canvas::fitted(&frame.words, &font, available);
         let below = f64::from(side) + 1.5 * f64::from(WORDS);
         canvas::text(area, &words, middle(below), HPos::Left, SMALL, ink(frame))?;
-        draw_legend(area, px(f64::from(side + 2 * WORDS)))?;
+        draw_legend(area, px(f64::from(side + 2 * WORDS)), &frame.marks)?;
         draw_marks(area, frame, (0, top), px(f64::from(side)), true)
     })?;
     Ok(OverlayPixels { size, values })
@@ -197,24 +239,26 @@ pub fn contact_sheet(path: &Path, frames: &[OverlayFrame]) -> Result<()> {
                 canvas::text(area, &words, at, HPos::Left, CELL_TEXT, ink(frame))?;
             }
         }
-        draw_legend(area, px(f64::from(size.1 - LEGEND)))
+        let marks = frames.first().map(|frame| &frame.marks);
+        let top = px(f64::from(size.1 - LEGEND));
+        draw_legend(area, top, marks.unwrap_or(&OverlayMarks::default()))
     })?;
     crate::files::write_bytes(path, &canvas::photograph_png(size, &values)?)
 }
 
 /// What the marks mean, on a dark strip from `top` to the bottom.
-fn draw_legend(area: &Area<'_>, top: i32) -> Drawn {
+fn draw_legend(area: &Area<'_>, top: i32, marks: &OverlayMarks) -> Drawn {
     let (width, height) = area.dim_in_pixel();
     let strip = [(0, top), (width as i32, height as i32)];
     area.draw(&Rectangle::new(strip, INK.filled()))?;
     let (y, r) = (top + px(0.5 * f64::from(LEGEND)), px(5.0));
     let mut x = px(6.0) + r;
-    for (words, color) in LEGEND_ENTRIES {
-        match color == EXPECTED {
-            true => draw_cross(area, (x, y), r, color)?,
-            false => {
-                area.draw(&Circle::new((x, y), r, canvas::stroke(color, 1.5)))?;
-            }
+    for (words, color, sign) in marks.legend() {
+        let (color, stroke) = (*color, canvas::stroke(*color, 1.5));
+        match sign {
+            Sign::Ring => area.draw(&Circle::new((x, y), r, stroke))?,
+            Sign::Cross => draw_cross(area, (x, y), r, color)?,
+            Sign::Line => draw_line(area, [(x - r, y), (x + r, y)], stroke)?,
         }
         x += r + px(5.0);
         canvas::text(area, words, (x, y), HPos::Left, LEGEND_TEXT, WHITE)?;
@@ -223,9 +267,14 @@ fn draw_legend(area: &Area<'_>, top: i32) -> Drawn {
     Ok(())
 }
 
+fn draw_line(area: &Area<'_>, ends: [(i32, i32); 2], style: ShapeStyle) -> Drawn {
+    area.draw(&PathElement::new(ends.to_vec(), style))?;
+    Ok(())
+}
+
 fn draw_cross(area: &Area<'_>, (x, y): (i32, i32), arm: i32, color: RGBColor) -> Drawn {
     for ends in [[(x - arm, y), (x + arm, y)], [(x, y - arm), (x, y + arm)]] {
-        area.draw(&PathElement::new(ends.to_vec(), canvas::stroke(color, 1.0)))?;
+        draw_line(area, ends, canvas::stroke(color, 1.0))?;
     }
     Ok(())
 }
@@ -260,30 +309,23 @@ fn draw_marks(
         // Drawn in pieces, where it lies within the picture.
         let points: Vec<Pixel> = points.collect();
         for pair in points.windows(2).filter(|w| w.iter().all(inside)) {
-            area.draw(&PathElement::new(
-                vec![place(&pair[0]), place(&pair[1])],
-                thin,
-            ))?;
+            draw_line(area, [place(&pair[0]), place(&pair[1])], thin)?;
         }
     }
-    let r = if in_full { px(9.0) } else { px(5.0) };
-    let mut places = Places::default();
-    let (mut numbers, mut shares) = (Vec::new(), Vec::new());
-    for dot in frame.dots.iter().filter(|d| inside(&d.pixel)) {
-        let color = if dot.named { NAMED } else { UNNAMED };
-        let at = place(&dot.pixel);
-        area.draw(&Circle::new(at, r, canvas::stroke(color, 1.2)))?;
-        places.keep(at, r);
-        shares.push((at, r, format!("{:.0}", 100.0 * dot.probability), color));
-    }
-    for (number, pixel, z) in frame.expected.iter().filter(|(_, p, _)| inside(p)) {
-        let at = place(pixel);
-        // Smaller towards the limb, where dots are hardly seen.
-        let arm = px(if in_full { 3.0 } else { 1.5 } + 2.0 * z);
-        draw_cross(area, at, arm, EXPECTED)?;
-        places.keep(at, arm);
-        numbers.push((at, arm, number.to_string(), EXPECTED));
-    }
+    let labels = match &frame.marks {
+        OverlayMarks::Dots { found, expected } => {
+            let found = found.iter().filter(|dot| inside(&dot.pixel));
+            let expected = expected.iter().filter(|(_, at, _)| inside(at));
+            draw_dots(area, found, expected, place, in_full)?
+        }
+        OverlayMarks::Paint(pieces) => {
+            for piece in pieces.iter().filter(|ends| ends.iter().all(inside)) {
+                let ends = [place(&piece[0]), place(&piece[1])];
+                draw_line(area, ends, canvas::stroke(EXPECTED, 1.0))?;
+            }
+            DotLabels::default()
+        }
+    };
     // Inside, below the top: no other place is within the picture whenever the ball is.
     for outline in &frame.outlines {
         let below_top = Pixel {
@@ -294,21 +336,67 @@ fn draw_marks(
             tag(area, &number.to_string(), place(&below_top), SMALL, OUTLINE)?;
         }
     }
-    if !in_full {
-        return Ok(());
+    match in_full {
+        true => labels.draw(area),
+        false => Ok(()),
     }
-    // Numbers to the upper right of their crosses, probabilities below their circles; where there is no free place,
-    // none.
-    for (labels, preferred) in [(numbers, -FRAC_PI_4), (shares, FRAC_PI_2)] {
-        for (at, radius, words, color) in labels {
-            let (w, h) = (canvas::text_width(&words, LABEL_TEXT), px(0.9 * LABEL_TEXT));
-            let Some((x, y)) = places.beside(at, radius, (w + px(2.0), h), preferred) else {
-                continue;
-            };
-            tag(area, &words, (x, y), LABEL_TEXT, color)?;
+}
+
+/// A label, and the place and radius of the mark that it is of.
+type Label = ((i32, i32), i32, String, RGBColor);
+
+/// The words beside the dots of a frame.
+#[derive(Default)]
+struct DotLabels {
+    /// What is taken by the dots.
+    places: Places,
+    numbers: Vec<Label>,
+    shares: Vec<Label>,
+}
+
+impl DotLabels {
+    /// Numbers to the upper right of their crosses, probabilities below their circles; where there is no free place, none.
+    fn draw(mut self, area: &Area<'_>) -> Drawn {
+        for (labels, preferred) in [(self.numbers, -FRAC_PI_4), (self.shares, FRAC_PI_2)] {
+            for (at, radius, words, color) in labels {
+                let (w, h) = (canvas::text_width(&words, LABEL_TEXT), px(0.9 * LABEL_TEXT));
+                let size = (w + px(2.0), h);
+                if let Some((x, y)) = self.places.beside(at, radius, size, preferred) {
+                    tag(area, &words, (x, y), LABEL_TEXT, color)?;
+                }
+            }
         }
+        Ok(())
     }
-    Ok(())
+}
+
+/// Draws detections and expected dots; what is to be said of them.
+fn draw_dots<'a>(
+    area: &Area<'_>,
+    found: impl Iterator<Item = &'a OverlayDot>,
+    expected: impl Iterator<Item = &'a (u16, Pixel, f64)>,
+    place: impl Fn(&Pixel) -> (i32, i32),
+    in_full: bool,
+) -> Drawn<DotLabels> {
+    let r = if in_full { px(9.0) } else { px(5.0) };
+    let mut labels = DotLabels::default();
+    for dot in found {
+        let color = if dot.named { NAMED } else { UNNAMED };
+        let at = place(&dot.pixel);
+        area.draw(&Circle::new(at, r, canvas::stroke(color, 1.2)))?;
+        labels.places.keep(at, r);
+        let share = format!("{:.0}", 100.0 * dot.probability);
+        labels.shares.push((at, r, share, color));
+    }
+    for (number, pixel, z) in expected {
+        let at = place(pixel);
+        // Smaller towards the limb, where dots are hardly seen.
+        let arm = px(if in_full { 3.0 } else { 1.5 } + 2.0 * z);
+        draw_cross(area, at, arm, EXPECTED)?;
+        labels.places.keep(at, arm);
+        labels.numbers.push((at, arm, number.to_string(), EXPECTED));
+    }
+    Ok(labels)
 }
 
 /// Words around a place, on a darkened ground, so that they can be read on any ball.

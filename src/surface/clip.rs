@@ -5,7 +5,7 @@ use nalgebra::Vector4;
 use super::face::{Face, FaceMaker};
 use super::frame::PaintedFrame;
 use crate::concurrency;
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::Vec3;
 use crate::vision::frame::config::CameraModel;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera};
 use crate::vision::outline::steady::steady;
@@ -84,13 +84,8 @@ impl<'a> Clip<'a> {
         }
     }
 
-    /// From the view frame of a frame to the camera's.
-    pub fn to_camera(&self, k: usize) -> Rotation {
-        self.view(k)
-            .map_or_else(Rotation::identity, |v| v.to_camera())
-    }
-
-    fn view(&self, k: usize) -> Option<BallView> {
+    /// The ball in a frame, where its outline was found.
+    pub fn view(&self, k: usize) -> Option<BallView> {
         self.seen(k, &self.shift, self.inverse_distance)
     }
 

@@ -15,6 +15,7 @@
 
 mod bare;
 mod bundle;
+mod chart;
 mod clip;
 mod cover;
 mod darkness;
@@ -32,6 +33,7 @@ mod surface_map;
 mod track;
 mod viewed;
 
+pub use chart::SurfaceChart;
 pub(crate) use darkness::Darkness;
 pub use darkness::SurfacePlace;
 pub use dots::{ExpectedDot, FoundDot, contrasts, find_dots};

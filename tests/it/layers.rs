@@ -86,7 +86,7 @@ const DRAWING: &[(&str, &str)] = &[
     (
         "report",
         "ball calibrate camera clip concurrency design files geometry mark pattern plot recognize spin stats stencil \
-         validate view vision",
+         surface validate view vision",
     ),
 ];
 

@@ -18,7 +18,9 @@ use spindoe::report::calibration::{
     CalibrationEvaluationConfig, CalibrationSource, evaluate_calibration,
 };
 use spindoe::report::compare::{Entry, compare};
-use spindoe::report::page::{CalibrationPage, DesignPage, EstimatePage, ShownBall};
+use spindoe::report::page::{CalibrationPage, Carried, DesignPage, EstimatePage, ShownBall};
+use spindoe::spin::orientations::{BallColumns, OrientationRow, Orientations};
+use spindoe::surface::PaintedPose;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::dataset::independent_frame;
 use spindoe::vision::DetectorName;
@@ -113,7 +115,7 @@ fn estimate(one: &Path, two: &Path) {
     let named: Vec<NamedFrame<'_>> = named.collect();
     let rows = orientations(&named, CameraFrame::View, false);
     let ball = ShownBall {
-        ball: &Ball::new(pattern.clone()),
+        carries: Carried::Dots(&Ball::new(pattern.clone())),
         number: None,
         frames: named,
         orientations: rows,
@@ -128,6 +130,53 @@ fn estimate(one: &Path, two: &Path) {
         let page = EstimatePage::new(balls, |_, _| Ok(None)).unwrap();
         std::fs::write(path, page.html().unwrap()).unwrap();
     }
+}
+
+/// The page of a painted ball.
+fn painted(path: &Path) {
+    let track = crate::vision::painted::short_clip();
+    let nothing = FrameEstimate::default();
+    let names: Vec<String> = (0..track.poses.len()).map(|k| format!("<b>{k}")).collect();
+    let named = names.iter().enumerate().map(|(k, name)| NamedFrame {
+        name,
+        time_s: Some(k as f64 / 200.0),
+        estimate: &nothing,
+    });
+    let row = |(pose, name): (&Result<PaintedPose, _>, &String)| OrientationRow {
+        frame: name.clone(),
+        orientation: pose.as_ref().ok().map(|pose| pose.rotation),
+        ..OrientationRow::default()
+    };
+    let ball = ShownBall {
+        carries: Carried::Paint {
+            surface: &track.surface,
+            poses: &track.poses,
+        },
+        number: None,
+        frames: named.collect(),
+        orientations: Orientations {
+            rows: track.poses.iter().zip(&names).map(row).collect(),
+            camera_frame: Some(CameraFrame::View),
+            columns: BallColumns::default(),
+        },
+        spin: None,
+        sequence: &SequenceOutcome::NoTimes,
+    };
+    let page = EstimatePage::new(&[ball], |_, _| Ok(None)).unwrap();
+    std::fs::write(path, page.html().unwrap()).unwrap();
+    let data = &page_data(path)["content"]["balls"][0];
+    let frames = data["frames"].as_array().unwrap();
+    let posed = frames.iter().filter(|f| f["orientation_wxyz"].is_array());
+    assert_eq!((posed.count(), frames.len()), (14, 15));
+    assert_eq!(frames[14]["rejection_kind"], "no ball");
+}
+
+/// The data of a page.
+pub fn page_data(path: &Path) -> serde_json::Value {
+    let page = std::fs::read_to_string(path).unwrap();
+    let (_, data) = page.split_once("id=\"data\"").unwrap();
+    let (_, data) = data.split_once('>').unwrap();
+    serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap()
 }
 
 /// The folder of a calibration: dot 4 was never drawn, and the clip shows one side of the ball best.
@@ -218,10 +267,12 @@ fn pages_are_used_in_a_browser() {
         dir.path().join("compare.html"),
         dir.path().join("estimate.html"),
         dir.path().join("balls.html"),
+        dir.path().join("painted.html"),
         calibration(dir.path()).join("report.html"),
     ];
     comparison(&pages[1]);
     estimate(&pages[2], &pages[3]);
+    painted(&pages[4]);
     for page in &pages {
         let text = std::fs::read_to_string(page).unwrap();
         assert!(text.len() < MAX_BYTES && text.starts_with("<!doctype html>"));

@@ -63,7 +63,7 @@ pub struct Arguments {
     pub(super) asked: Asked,
     #[command(flatten)]
     pub(super) times: TimesArgument,
-    /// Draw frames with their detections into this folder; and a contact sheet, or, where the name ends in .mp4, an annotated video (through ffmpeg; more than 30 frames a second play slower).
+    /// Draw frames with their detections, or of a painted ball the borders of its marks, into this folder; and a contact sheet, or, where the name ends in .mp4, an annotated video (through ffmpeg; more than 30 frames a second play slower).
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR_OR_MP4")]
     pub(super) overlay: Option<PathBuf>,
@@ -140,7 +140,7 @@ const ONE_CAMERA: [&str; 13] = [
 /// What is for several balls, or several images of one.
 const SEVERAL: [&str; 2] = ["balls", "strobe_ms"];
 /// What only balls with dots have.
-const DOTS_ONLY: [&str; 15] = [
+const DOTS_ONLY: [&str; 13] = [
     "balls",
     "strobe_ms",
     "calibrate",
@@ -151,8 +151,6 @@ const DOTS_ONLY: [&str; 15] = [
     "min_confidence",
     "placement_sigma_deg",
     "no_verdict",
-    "overlay",
-    "report",
     "preset",
     "weights",
     "detector",
@@ -215,6 +213,14 @@ impl Arguments {
             }
         }
         Ok(())
+    }
+
+    /// Whether frames are drawn.
+    pub(super) fn wants_pictures(&self) -> bool {
+        #[cfg(feature = "plot")]
+        return self.overlay.is_some() || self.report.is_some();
+        #[cfg(not(feature = "plot"))]
+        false
     }
 
     /// How the frames are read.

@@ -79,10 +79,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     let mut estimators = asked.estimators(arguments.exposure_ms.is_some())?;
     let several = balls::estimator(asked, &estimators, strobe.as_ref())?;
     let config = arguments.batch()?;
-    #[cfg(feature = "plot")]
-    let wanted = arguments.overlay.is_some() || arguments.report.is_some();
-    #[cfg(not(feature = "plot"))]
-    let wanted = false;
+    let wanted = arguments.wants_pictures();
     // What cannot be written is known before the work.
     #[cfg(feature = "plot")]
     let overlay = arguments.overlay.as_deref().map(overlay::Target::new);

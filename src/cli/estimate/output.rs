@@ -71,7 +71,7 @@ impl Evidence<'_> {
 }
 
 /// The frames of a batch with their names and times.
-pub(super) fn named_frames(batch: &Batch<Picture>) -> Vec<NamedFrame<'_>> {
+pub(super) fn named_frames<K>(batch: &Batch<K>) -> Vec<NamedFrame<'_>> {
     let named = batch.frames.iter().map(|frame| NamedFrame {
         name: &frame.name,
         time_s: frame.time_s,

@@ -4,13 +4,16 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
+use super::painted::Seen;
 use super::video::VideoWriter;
 use super::{Picture, output};
 use crate::clip::{BatchFrame, TimeSource};
 use crate::error::Result;
 use crate::files::Replacement;
+use crate::geometry::Vec3;
 use crate::image::RgbImage;
-use crate::plot::{self, OverlayFrame, OverlayOutline};
+use crate::plot::{self, OverlayFrame, OverlayMarks, OverlayOutline};
+use crate::surface::{PaintedPose, PaintedRejection};
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::{Estimator, FrameEstimate, Pixel};
 
@@ -66,27 +69,81 @@ pub(super) fn drawn(
         v: p.v - *top as f64,
     };
     drawn.image = image.clone();
+    let (mut found, mut expected) = (Vec::new(), Vec::new());
     for (frame, estimator, number) in balls {
-        let outline = frame.circle.map(|c| OverlayOutline {
-            circle: BallCircle {
-                center: place(c.center),
-                ..c
-            },
-            number: *number,
-        });
+        let outline = frame.circle.map(|c| outline(c, *number, place));
         drawn.outlines.extend(outline);
         let dots = frame.dots.iter().zip(&frame.assignment);
-        drawn.dots.extend(dots.map(|(dot, name)| plot::OverlayDot {
+        found.extend(dots.map(|(dot, name)| plot::OverlayDot {
             pixel: place(dot.pixel),
             probability: dot.probability,
             named: name.is_some(),
         }));
-        let expected = estimator.expected_dots(frame).into_iter();
-        drawn
-            .expected
-            .extend(expected.map(|(number, pixel, z)| (number, place(pixel), z)));
+        let dots = estimator.expected_dots(frame).into_iter();
+        expected.extend(dots.map(|(number, pixel, z)| (number, place(pixel), z)));
     }
+    drawn.marks = OverlayMarks::Dots { found, expected };
     drawn
+}
+
+/// An outline where `place` has its center.
+fn outline(
+    circle: BallCircle,
+    number: Option<usize>,
+    place: impl Fn(Pixel) -> Pixel,
+) -> OverlayOutline {
+    OverlayOutline {
+        circle: BallCircle {
+            center: place(circle.center),
+            ..circle
+        },
+        number,
+    }
+}
+
+/// A frame of a painted ball: its outline, of a frame with a pose as the whole clip has it, and the borders of the surface's marks by
+/// the pose.
+pub(super) fn painted(
+    frame: &BatchFrame<Seen>,
+    pose: &std::result::Result<PaintedPose, PaintedRejection>,
+    borders: &[[Vec3; 2]],
+) -> OverlayFrame {
+    let words = match (&frame.unreadable, pose) {
+        (Some(why), _) => why.clone(),
+        (None, Ok(pose)) => format!("agreement {:.2}", pose.agreement),
+        (None, Err(rejection)) => rejection.to_string(),
+    };
+    let drawn = OverlayFrame {
+        words,
+        refused: pose.is_err(),
+        ..OverlayFrame::without_picture(&frame.name)
+    };
+    let Some((image, left, top)) = &frame.kept.picture else {
+        return drawn;
+    };
+    let place = |p: Pixel| Pixel {
+        u: p.u - *left as f64,
+        v: p.v - *top as f64,
+    };
+    let pose = pose.as_ref().ok();
+    let found = frame.estimate().circle;
+    let circle = pose.map(|pose| *pose.view.circle()).or(found);
+    let seen = |pose: &PaintedPose| {
+        let piece = |[from, to]: &[Vec3; 2]| {
+            let (from, to) = (pose.project(from)?, pose.project(to)?);
+            Some([place(from), place(to)])
+        };
+        borders.iter().filter_map(piece).collect()
+    };
+    OverlayFrame {
+        image: image.clone(),
+        outlines: circle
+            .map(|c| outline(c, None, place))
+            .into_iter()
+            .collect(),
+        marks: OverlayMarks::Paint(pose.map(seen).unwrap_or_default()),
+        ..drawn
+    }
 }
 
 /// A frame of one ball.

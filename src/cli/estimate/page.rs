@@ -3,13 +3,15 @@
 use std::path::Path;
 
 use super::output::{self, Report};
+use super::painted::{Drawing, Seen};
+use super::written::{ClipRows, FoundSpin};
 use super::{Picture, balls, overlay};
 use crate::clip::{Batch, NamedFrame};
 use crate::error::Result;
 use crate::files;
 use crate::geometry::CameraFrame;
 use crate::plot::frame_thumbnail;
-use crate::report::page::{EstimatePage, ShownBall};
+use crate::report::page::{Carried, EstimatePage, ShownBall};
 use crate::spin::SpinRejection;
 use crate::spin::estimate::FittedMotion;
 use crate::spin::summary::SpinSummary;
@@ -26,7 +28,7 @@ pub(super) fn write(
     report: &Report<'_>,
 ) -> Result<()> {
     let ball = ShownBall {
-        ball: estimator.ball(),
+        carries: Carried::Dots(estimator.ball()),
         number: None,
         frames: output::named_frames(batch),
         orientations: report.rows().orientations(),
@@ -50,7 +52,7 @@ pub(super) fn write_balls(
 ) -> Result<()> {
     let all: Vec<balls::BallRows<'_>> = report.by_number();
     let shown = all.iter().map(|ball| ShownBall {
-        ball: estimators[ball.table].ball(),
+        carries: Carried::Dots(estimators[ball.table].ball()),
         number: Some(ball.number),
         frames: ball
             .frames
@@ -67,6 +69,39 @@ pub(super) fn write_balls(
         let kept = batch.frames[frame].kept.as_ref();
         let drawn = || frame_thumbnail(&report.drawn(frame, estimators));
         kept.map(|_| drawn()).transpose()
+    })?;
+    files::write_bytes(path, page.html()?.as_bytes())
+}
+
+/// Writes the page of a painted ball.
+pub(super) fn write_painted(
+    path: &Path,
+    batch: &Batch<Seen>,
+    drawing: &Drawing<'_>,
+    rows: &ClipRows<'_, Seen>,
+    spin: Option<&FoundSpin>,
+) -> Result<()> {
+    let ball = ShownBall {
+        carries: Carried::Paint {
+            surface: drawing.surface,
+            poses: drawing.poses,
+        },
+        number: None,
+        frames: output::named_frames(batch),
+        orientations: rows.orientations(),
+        spin: spin.map(|spin| constant(spin, rows.axes)),
+        sequence: &batch.sequence,
+    };
+    let page = EstimatePage::new(&[ball], |_, at| {
+        let shown = &batch.frames[at];
+        let drawn = || {
+            frame_thumbnail(&overlay::painted(
+                shown,
+                &drawing.poses[at],
+                &drawing.borders,
+            ))
+        };
+        shown.kept.picture.as_ref().map(|_| drawn()).transpose()
     })?;
     files::write_bytes(path, page.html()?.as_bytes())
 }

@@ -1,16 +1,26 @@
 //! `spindoe estimate` of a painted ball: orientations of a ball with marks of any shape.
 
+#[cfg(feature = "plot")]
+use std::path::Path;
+
 use serde_json::{Value, json};
 
-use super::Arguments;
+#[cfg(feature = "plot")]
+use super::overlay;
+#[cfg(feature = "plot")]
+use super::page;
 use super::written::{ClipRows, FoundSpin, Row, add_orientation, add_spin, say_times, spin_words};
+use super::{Arguments, Picture, Pictures};
 use crate::ball::USUAL_BALL_MM;
 use crate::cli::inputs::{self, Counting};
 use crate::cli::spin_summary;
-use crate::clip::{self, Batch, BatchFrame, SurfaceObserver};
+use crate::clip::{self, BallEstimate, Batch, BatchFrame, BatchObserver, SurfaceObserver};
 use crate::error::{Error, Result};
 use crate::files;
+#[cfg(feature = "plot")]
+use crate::geometry::Vec3;
 use crate::geometry::{CameraFrame, turned_covariance};
+use crate::image::RgbImage;
 use crate::spin::orientations::{BallColumns, OrientationRow};
 use crate::spin::robust::SpinConfig;
 use crate::surface::{
@@ -37,14 +47,24 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result
     if let Some(path) = &arguments.write_surface {
         files::check_writable(path)?;
     }
-    let shown = Counting::new(&arguments.images, SurfaceObserver::default());
+    #[cfg(feature = "plot")]
+    let overlay = arguments.overlay.as_deref().map(overlay::Target::new);
+    #[cfg(feature = "plot")]
+    let overlay = overlay.transpose()?;
+    let seeing = Seeing {
+        paint: SurfaceObserver::default(),
+        pictures: Pictures {
+            wanted: arguments.wants_pictures(),
+        },
+    };
+    let shown = Counting::new(&arguments.images, seeing);
     let tracker = PaintedTracker::new(&asked.source.camera()?);
     let mut batch = clip::run(&finder, &arguments.images, &config, &shown)?;
     shown.finish();
     inputs::say(&batch, &config)?;
     inputs::say_not_increasing(&batch, &arguments.images, "no spin");
     let kept = batch.frames.iter_mut();
-    let frames: Vec<PaintedFrame> = kept.map(|f| std::mem::take(&mut f.kept)).collect();
+    let frames: Vec<PaintedFrame> = kept.map(|f| std::mem::take(&mut f.kept.paint)).collect();
     say_small(&frames);
     let (poses, made) = match surface {
         Some(surface) => (tracker.place(&frames, surface), None),
@@ -60,6 +80,15 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result
     let report = Report::new(arguments, &batch, &poses, known)?;
     // Rows that another program's format refuses leave nothing written.
     let rows = report.rows.text()?;
+    #[cfg(feature = "plot")]
+    if let Some(shown) = surface.or(made.as_ref()) {
+        let drawing = Drawing {
+            surface: shown,
+            poses: &poses,
+            borders: shown.borders(),
+        };
+        report.draw(&drawing, overlay, arguments.report.as_deref())?;
+    }
     if let (Some(path), Some(surface), true) = (&arguments.write_surface, &made, is_answered) {
         surface.write_npz(path)?;
     }
@@ -78,6 +107,44 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result
     }
 }
 
+/// What is kept of a frame: what it shows of the ball, and its picture where that is drawn.
+#[derive(Default)]
+pub(super) struct Seen {
+    paint: PaintedFrame,
+    #[cfg_attr(not(feature = "plot"), allow(dead_code))]
+    pub picture: Picture,
+}
+
+/// Keeps it.
+struct Seeing {
+    paint: SurfaceObserver,
+    pictures: Pictures,
+}
+
+impl BatchObserver for Seeing {
+    type Kept = Seen;
+
+    fn keep(&self, image: &RgbImage, balls: &[BallEstimate]) -> Result<Seen> {
+        let picture = match self.pictures.wants_images() {
+            true => self.pictures.keep(image, balls)?,
+            false => None,
+        };
+        Ok(Seen {
+            paint: self.paint.keep(image, balls)?,
+            picture,
+        })
+    }
+}
+
+/// What of the ball's surface is drawn on its frames.
+#[cfg(feature = "plot")]
+pub(super) struct Drawing<'a> {
+    pub surface: &'a SurfaceMap,
+    pub poses: &'a PaintedPoses,
+    /// Those of the surface's marks.
+    pub borders: Vec<[Vec3; 2]>,
+}
+
 /// Warns of balls that show little of their paint.
 fn say_small(frames: &[PaintedFrame]) {
     let mut diameters: Vec<f64> = frames
@@ -94,7 +161,7 @@ fn say_small(frames: &[PaintedFrame]) {
 
 /// What is reported.
 struct Report<'a> {
-    rows: ClipRows<'a, PaintedFrame>,
+    rows: ClipRows<'a, Seen>,
     /// Share of the ball that the clip shows.
     known: Option<f64>,
     /// Where all frames have times that increase.
@@ -104,7 +171,7 @@ struct Report<'a> {
 impl<'a> Report<'a> {
     fn new(
         arguments: &'a Arguments,
-        batch: &'a Batch<PaintedFrame>,
+        batch: &'a Batch<Seen>,
         poses: &PaintedPoses,
         known: Option<f64>,
     ) -> Result<Self> {
@@ -126,6 +193,25 @@ impl<'a> Report<'a> {
         let timed = batch.times_s();
         let spin = timed.map(|_| spin_summary::of_rows(&rows.orientations(), &config));
         Ok(Self { rows, known, spin })
+    }
+
+    /// Draws the frames, and writes the page.
+    #[cfg(feature = "plot")]
+    fn draw(
+        &self,
+        drawing: &Drawing<'_>,
+        overlay: Option<overlay::Target>,
+        page: Option<&Path>,
+    ) -> Result<()> {
+        let batch = self.rows.batch;
+        if let Some(target) = overlay {
+            let frame =
+                |k: usize| overlay::painted(&batch.frames[k], &drawing.poses[k], &drawing.borders);
+            target.draw(&batch.times, batch.frames.len(), frame)?;
+        }
+        page.map_or(Ok(()), |path| {
+            page::write_painted(path, batch, drawing, &self.rows, self.spin.as_ref())
+        })
     }
 
     /// Summarizes the outcome on standard error.
@@ -153,7 +239,7 @@ impl<'a> Report<'a> {
 
 /// The row of a frame.
 fn row(
-    frame: &BatchFrame<PaintedFrame>,
+    frame: &BatchFrame<Seen>,
     pose: &std::result::Result<PaintedPose, PaintedRejection>,
     axes: CameraFrame,
 ) -> Row {

@@ -36,6 +36,16 @@ function spinWords(d) {
   return `${fixed(by * d.spin.rps, digits)}${std} ${unit}`;
 }
 
+/** What is known of a frame's pose: how well it agrees with the paint, or the dots that say it. */
+const poseWords = (f) =>
+  f.agreement === null
+    ? `confidence ${percent(f.confidence)}, ${f.matched} of ${f.dots} dots, residual ${fixed(f.residual_deg, 2)}\u00b0`
+    : `agreement with the surface ${fixed(f.agreement, 2)}`;
+const shortWords = (f) =>
+  f.agreement === null
+    ? `p\u00a0=\u00a0${fixed(f.confidence, 2)}, ${f.matched}\u00a0of\u00a0${f.dots}\u00a0dots`
+    : `agreement\u00a0${fixed(f.agreement, 2)}`;
+
 /** A time as one after the first frame's. */
 const since = (d, time) => `${fixed(1e3 * (time - (d.frames[0].time_s ?? 0)), 2)} ms after the first frame`;
 
@@ -88,7 +98,10 @@ function turningBall(d) {
   const node = section(
     "ball",
     "The ball",
-    "As the camera sees it: x right, y up, z towards the camera.",
+    "As the camera sees it: x right, y up, z towards the camera." +
+      (d.paint
+        ? ` Its paint is as the frames show it, in the frame of its surface; striped: ${percent(1 - d.paint.known)} of the ball, which none shows.`
+        : ""),
     "The slider goes through the frames; drag the ball to look at it from elsewhere.",
   );
   const state = {
@@ -121,6 +134,7 @@ function turningBall(d) {
       dotAngle: d.dot_angle_rad,
       zones: d.keep_out,
       chosen: -1,
+      paint: d.paint,
     };
     const axes = tripod(v, IDENTITY, 1.35),
       lines = axes.lines,
@@ -168,13 +182,11 @@ function turningBall(d) {
       f.time_s === null
         ? "no time"
         : since(d, f.time_s),
-      f.rejection
-        ? `rejected: ${f.rejection}`
-        : `confidence ${percent(f.confidence)}, ${f.matched} of ${f.dots} dots, residual ${fixed(f.residual_deg, 2)}\u00b0`,
+      f.rejection ? `rejected: ${f.rejection}` : poseWords(f),
     ].join("\n");
     picture.replaceChildren(
       f.picture
-        ? el("img", { src: f.picture, alt: "Frame " + f.name + " with its detections" })
+        ? el("img", { src: f.picture, alt: `Frame ${f.name} with ${d.paint ? "its paint's borders" : "its detections"}` })
         : el("p", { class: "notice", text: "No picture of this frame is in this page." }),
     );
     view.draw();
@@ -335,7 +347,7 @@ function overTime(d) {
       });
     charts.append(
       curves({
-        title: `Where the pattern's ${name} axis points`,
+        title: `Where the ${d.paint ? "surface" : "pattern"}'s ${name} axis points`,
         x: { label: "time [ms]" },
         y: { label: "component", low: -1, high: 1, format: (v) => fixed(v, 1) },
         series,
@@ -365,17 +377,25 @@ function overTime(d) {
         ],
       }),
     );
+  const [title, label, value] = d.paint
+    ? ["Agreement with the surface", "correlation", "agreement"]
+    : ["Probability that the orientation is correct", "confidence", "confidence"];
   charts.append(
     curves({
-      title: "Probability that the orientation is correct",
+      title,
       x: { label: "time [ms]" },
-      y: { label: "confidence", format: percent, tick: wholePercent, low: 0, high: 1 },
+      y: {
+        label,
+        low: 0,
+        high: 1,
+        ...(d.paint ? { format: (v) => fixed(v, 2) } : { format: percent, tick: wholePercent }),
+      },
       series: [
         {
           name: "frames",
           color: "var(--c2)",
           line: false,
-          points: timed.map((f) => ({ x: ms(f), y: f.confidence, note: f.name })),
+          points: timed.map((f) => ({ x: ms(f), y: f[value], note: f.name })),
         },
       ],
     }),
@@ -422,7 +442,7 @@ function gallery(d) {
   const node = section(
     "frames",
     "Frames",
-    `${shown.length} of ${d.frames.length} frames${shown.length < d.frames.length ? ", evenly chosen: more would make this page too large" : ""}. Green: outline. Blue: identified dots, red: others. Yellow crosses: where the orientation expects dots.`,
+    `${shown.length} of ${d.frames.length} frames${shown.length < d.frames.length ? ", evenly chosen: more would make this page too large" : ""}. Green: outline. ${d.paint ? "Yellow lines: where the orientation expects the borders of the paint." : "Blue: identified dots, red: others. Yellow crosses: where the orientation expects dots."}`,
   );
   node.append(
     el(
@@ -439,7 +459,7 @@ function gallery(d) {
             ...pngSize(f.picture),
           }),
           el("figcaption", {
-            text: `${f.name}: ${f.rejection || `p\u00a0=\u00a0${fixed(f.confidence, 2)}, ${f.matched}\u00a0of\u00a0${f.dots}\u00a0dots`}`,
+            text: `${f.name}: ${f.rejection || shortWords(f)}`,
           }),
         ),
       ),

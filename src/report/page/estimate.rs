@@ -9,7 +9,7 @@ use crate::ball::Ball;
 use crate::clip::{NamedFrame, SequenceOutcome};
 use crate::design::KeepOut;
 use crate::error::Result;
-use crate::geometry::{CameraFrame, Rotation, to_wxyz};
+use crate::geometry::{CameraFrame, to_wxyz};
 use crate::spin::SpinRejection;
 use crate::spin::estimate::FittedMotion;
 use crate::spin::free::Knot;
@@ -17,10 +17,14 @@ use crate::spin::golf;
 use crate::spin::orientations::Orientations;
 use crate::spin::robust::standard_deviations;
 use crate::spin::summary::SpinSummary;
+use crate::stats::quantile;
+use crate::surface::{PaintedPose, PaintedPoses, PaintedRejection, SurfaceMap};
 use crate::vision::frame::estimate::FrameRejection;
 
 /// Bytes that the pictures of a page may take together: with all else it stays below 6 MB.
 const MAX_PICTURES: usize = 5_000_000;
+/// Shares of a chart's values that are darker than its darkest and its lightest shade.
+const SHADES: [f64; 2] = [0.02, 0.98];
 /// A golf ball measures 42.67 mm or a little more.
 const GOLF_WITHIN_MM: f64 = 0.2;
 
@@ -30,11 +34,25 @@ pub struct EstimatePage {
     balls: Vec<PageBall>,
 }
 
+/// What a ball carries.
+#[derive(Debug, Clone, Copy)]
+pub enum Carried<'a> {
+    /// Dots.
+    Dots(&'a Ball),
+    /// Marks of any shape.
+    Paint {
+        /// What is known of them.
+        surface: &'a SurfaceMap,
+        /// The frames' poses on the surface.
+        poses: &'a PaintedPoses,
+    },
+}
+
 /// A ball that a page is to show.
 #[derive(Debug, Clone)]
 pub struct ShownBall<'a> {
     /// What it carries.
-    pub ball: &'a Ball,
+    pub carries: Carried<'a>,
     /// Its number, where there are several.
     pub number: Option<usize>,
     /// The frames that show it, or might.
@@ -56,12 +74,56 @@ pub struct PageBall {
     dots: Vec<[f64; 3]>,
     /// The radius of a dot as an angle.
     dot_angle_rad: f64,
+    /// Of a painted ball its surface.
+    paint: Option<PagePaint>,
     /// Whether the ball is of golf's size, whose spins are said in turns a minute.
     is_golf: bool,
     keep_out: Vec<KeepOut>,
     frames: Vec<PageFrame>,
     spin: Option<PageSpin>,
     spin_rejection: Option<String>,
+}
+
+/// A painted ball's surface in the page, by latitude and longitude as a [`SurfaceChart`](crate::surface::SurfaceChart) has it.
+#[derive(Debug, Serialize)]
+struct PagePaint {
+    columns: usize,
+    rows: usize,
+    /// Row by row, a byte each, as base64: 0 where nothing is known, else 1 for dark to 255 for light.
+    values: String,
+    /// Share of the ball that is known.
+    known: f64,
+}
+
+impl PagePaint {
+    fn new(surface: &SurfaceMap) -> Self {
+        let chart = surface.chart();
+        let [columns, rows] = chart.size();
+        let mut known: Vec<f64> = chart
+            .values()
+            .iter()
+            .flatten()
+            .map(|v| f64::from(*v))
+            .collect();
+        known.sort_by(f64::total_cmp);
+        let [dark, light] = match known.is_empty() {
+            true => [0.0, 1.0],
+            false => SHADES.map(|share| quantile(&known, share)),
+        };
+        let byte = |value: &Option<f32>| {
+            let shade = value.map(|v| (f64::from(v) - dark) / (light - dark).max(1e-6));
+            shade.map_or(0, |shade| {
+                (1.0 + 254.0 * shade.clamp(0.0, 1.0)).round() as u8
+            })
+        };
+        let bytes: Vec<u8> = chart.values().iter().map(byte).collect();
+        Self {
+            columns,
+            rows,
+            values: STANDARD.encode(bytes),
+            known: rounded(surface.known()),
+        }
+    }
 }
 
 /// A frame in the page.
@@ -72,6 +134,8 @@ pub struct PageFrame {
     orientation_wxyz: Option<[f64; 4]>,
     confidence: Option<f64>,
     residual_deg: Option<f64>,
+    /// Of a painted ball the correlation with its surface.
+    agreement: Option<f64>,
     dots: usize,
     matched: usize,
     rejection: Option<String>,
@@ -162,7 +226,10 @@ impl EstimatePage {
         let (title, subject) = match &self.balls[..] {
             [one] => (
                 "Orientations and spin of a ball",
-                format!("{} dots", one.dots.len()),
+                match &one.paint {
+                    None => format!("{} dots", one.dots.len()),
+                    Some(paint) => format!("painted, {:.0} % of it shown", 100.0 * paint.known),
+                },
             ),
             several => (
                 "Orientations and spins of balls",
@@ -190,15 +257,19 @@ impl PageBall {
         mut picture: impl FnMut(usize) -> Result<Option<Vec<u8>>>,
     ) -> Result<Self> {
         let axes = shown.orientations.camera_frame.unwrap_or_default();
-        let pattern = shown.ball.pattern();
-        let [ball_mm, dot_mm] = shown.ball.sizes_mm(None, None);
         let rows = shown.frames.iter().zip(&shown.orientations.rows);
-        let mut frames: Vec<PageFrame> = rows
-            .map(|(frame, row)| {
-                let orientation = row.orientation.map(|q| axes.turn() * q);
-                PageFrame::new(frame, orientation.as_ref())
-            })
-            .collect();
+        let rows = rows.enumerate().map(|(k, (frame, row))| {
+            let orientation = row.orientation.map(|q| axes.turn() * q);
+            let outcome = match shown.carries {
+                Carried::Dots(_) => PageFrame::by_dots(frame),
+                Carried::Paint { poses, .. } => PageFrame::by_paint(frame, poses.get(k)),
+            };
+            PageFrame {
+                orientation_wxyz: orientation.as_ref().map(to_wxyz),
+                ..outcome
+            }
+        });
+        let mut frames: Vec<PageFrame> = rows.collect();
         let mut left = bytes;
         for k in evenly(frames.len()) {
             let Some(png) = picture(k)? else {
@@ -214,12 +285,6 @@ impl PageBall {
         }
         let spin = shown.spin.as_ref();
         Ok(Self {
-            number: shown.number,
-            camera_frame: CameraFrame::Camera.of_view(axes.is_view()),
-            dots: pattern.dots().iter().map(|d| (*d).into()).collect(),
-            dot_angle_rad: (dot_mm / ball_mm).min(1.0).asin(),
-            is_golf: (ball_mm - golf::BALL_MM).abs() < GOLF_WITHIN_MM,
-            keep_out: pattern.keep_out().to_vec(),
             frames,
             spin: spin
                 .and_then(|spin| spin.as_ref().ok())
@@ -231,7 +296,41 @@ impl PageBall {
                     .and_then(|spin| spin.as_ref().err())
                     .map(ToString::to_string),
             },
+            ..Self::empty(shown, CameraFrame::Camera.of_view(axes.is_view()))
         })
+    }
+
+    /// What it carries, before any frame.
+    fn empty(shown: &ShownBall<'_>, camera_frame: CameraFrame) -> Self {
+        let bare = Self {
+            number: shown.number,
+            camera_frame,
+            dots: Vec::new(),
+            dot_angle_rad: 0.0,
+            paint: None,
+            is_golf: false,
+            keep_out: Vec::new(),
+            frames: Vec::new(),
+            spin: None,
+            spin_rejection: None,
+        };
+        match shown.carries {
+            Carried::Dots(ball) => {
+                let pattern = ball.pattern();
+                let [ball_mm, dot_mm] = ball.sizes_mm(None, None);
+                Self {
+                    dots: pattern.dots().iter().map(|d| (*d).into()).collect(),
+                    dot_angle_rad: (dot_mm / ball_mm).min(1.0).asin(),
+                    is_golf: (ball_mm - golf::BALL_MM).abs() < GOLF_WITHIN_MM,
+                    keep_out: pattern.keep_out().to_vec(),
+                    ..bare
+                }
+            }
+            Carried::Paint { surface, .. } => Self {
+                paint: Some(PagePaint::new(surface)),
+                ..bare
+            },
+        }
     }
 }
 
@@ -254,34 +353,82 @@ fn evenly(n: usize) -> Vec<usize> {
 }
 
 impl PageFrame {
-    fn new(shown: &NamedFrame<'_>, orientation: Option<&Rotation>) -> Self {
+    /// What stands in every frame, without an outcome.
+    fn named(shown: &NamedFrame<'_>) -> Self {
+        Self {
+            name: shown.name.to_owned(),
+            time_s: shown.time_s,
+            orientation_wxyz: None,
+            confidence: None,
+            residual_deg: None,
+            agreement: None,
+            dots: 0,
+            matched: 0,
+            rejection: None,
+            rejection_kind: None,
+            picture: None,
+        }
+    }
+
+    fn by_dots(shown: &NamedFrame<'_>) -> Self {
         let frame = shown.estimate;
         let pose = frame.pose();
         let rejection = frame.outcome.as_ref().err();
         Self {
-            name: shown.name.to_owned(),
-            time_s: shown.time_s,
-            orientation_wxyz: orientation.map(to_wxyz),
             confidence: pose.map(|p| rounded(p.confidence)),
             residual_deg: pose.map(|p| rounded(p.residual_rad.to_degrees())),
             dots: frame.dots.len(),
             matched: frame.matched(),
             rejection: rejection.map(ToString::to_string),
-            rejection_kind: rejection.map(|r| match r {
-                FrameRejection::NotProcessed => "not processed",
-                FrameRejection::NoBall(_) => "no ball",
-                FrameRejection::TooBlurred { .. } => "too blurred",
-                FrameRejection::TooFewDots { .. } => "too few dots",
-                FrameRejection::Ambiguous { .. } => "ambiguous",
-                FrameRejection::OutOfTime => "no time left",
-                FrameRejection::Recognizer(_) | FrameRejection::Foreign => "not the pattern",
-                FrameRejection::CamerasDisagree { .. } | FrameRejection::CamerasContradict => {
-                    "cameras disagree"
-                }
-                FrameRejection::Unreadable => "cannot be read",
-            }),
-            picture: None,
+            rejection_kind: rejection.map(kind),
+            ..Self::named(shown)
         }
+    }
+
+    /// Of a painted ball; without a pose it was not processed.
+    fn by_paint(
+        shown: &NamedFrame<'_>,
+        pose: Option<&std::result::Result<PaintedPose, PaintedRejection>>,
+    ) -> Self {
+        let found = shown.estimate.outcome.as_ref().err();
+        let (rejection, kind) = match (pose, found) {
+            (Some(Ok(_)), _) => (None, None),
+            (_, Some(FrameRejection::Unreadable)) | (None, _) => {
+                let why = found.unwrap_or(&FrameRejection::NotProcessed);
+                (Some(why.to_string()), Some(kind(why)))
+            }
+            (Some(Err(why)), _) => {
+                let kind = match why {
+                    PaintedRejection::NoBall => "no ball",
+                    PaintedRejection::Lost => "not this paint",
+                };
+                (Some(why.to_string()), Some(kind))
+            }
+        };
+        let pose = pose.and_then(|pose| pose.as_ref().ok());
+        Self {
+            agreement: pose.map(|p| rounded(p.agreement)),
+            rejection,
+            rejection_kind: kind,
+            ..Self::named(shown)
+        }
+    }
+}
+
+/// A rejection in a few words.
+fn kind(rejection: &FrameRejection) -> &'static str {
+    match rejection {
+        FrameRejection::NotProcessed => "not processed",
+        FrameRejection::NoBall(_) => "no ball",
+        FrameRejection::TooBlurred { .. } => "too blurred",
+        FrameRejection::TooFewDots { .. } => "too few dots",
+        FrameRejection::Ambiguous { .. } => "ambiguous",
+        FrameRejection::OutOfTime => "no time left",
+        FrameRejection::Recognizer(_) | FrameRejection::Foreign => "not the pattern",
+        FrameRejection::CamerasDisagree { .. } | FrameRejection::CamerasContradict => {
+            "cameras disagree"
+        }
+        FrameRejection::Unreadable => "cannot be read",
     }
 }
 

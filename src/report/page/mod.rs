@@ -28,7 +28,7 @@ use crate::error::{Error, Result};
 pub use calibrate::CalibrationPage;
 pub use design::{CameraFigures, DesignPage};
 #[cfg(feature = "vision")]
-pub use estimate::{EstimatePage, PageBall, PageFrame, PageSpin, ShownBall};
+pub use estimate::{Carried, EstimatePage, PageBall, PageFrame, PageSpin, ShownBall};
 
 /// Name of a page's file within its folder.
 pub const PAGE: &str = "report.html";

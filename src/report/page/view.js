@@ -14,6 +14,7 @@ in vec2 p; out vec4 color;
 uniform mat3 back; uniform vec3 center; uniform float radius, depth, dotCos, seamHalf;
 uniform int dots, zones, chosen; uniform vec3 dot_[${MAX_DOTS}]; uniform vec4 zone_[${MAX_ZONES}];
 uniform vec3 seam, cBall, cDot, cZone, cSeam, cChosen;
+uniform bool painted; uniform sampler2D paint;
 void main() {
   float rr = dot(p, p), w = fwidth(length(p));
   float edge = 1.0 - smoothstep(1.0 - w, 1.0, sqrt(rr));
@@ -22,6 +23,15 @@ void main() {
   vec3 d = back * n;
   vec3 c = cBall;
   float soft = 1.2 * w / max(n.z, 0.25);
+  if (painted) {
+    // By latitude and longitude; red is the shade, green says whether it is known.
+    vec2 at = vec2(0.5 + atan(d.y, d.x) / 6.2831853, acos(clamp(d.z, -1.0, 1.0)) / 3.1415927);
+    vec2 seen = textureLod(paint, at, 0.0).rg;
+    float stripe = smoothstep(0.35, 0.5, abs(fract((d.x + d.y + d.z) * 9.0) - 0.5));
+    vec3 unknown = mix(cZone, cBall, 0.55 + 0.3 * stripe);
+    vec3 known = mix(cDot, cBall, seen.r / max(seen.g, 0.01));
+    c = mix(unknown, known, smoothstep(0.45, 0.55, seen.g));
+  }
   for (int i = 0; i < zones; i++) {
     float a = acos(clamp(dot(d, zone_[i].xyz), -1.0, 1.0)) - zone_[i].w;
     float stripe = smoothstep(0.35, 0.5, abs(fract((d.x + d.y + d.z) * 9.0) - 0.5));
@@ -133,7 +143,7 @@ function program(gl, vertex, fragment) {
 
 /**
  * A view to turn. `scene(view)` returns { reach, ball: { center, radius, turn, dots, names, dotAngle, zones, seam,
- * seamHalf, chosen } or null, meshes: [{ mesh, turn, shift, paint, hub, ground }], labels: [{ at, text, color, hidden }],
+ * seamHalf, chosen, paint } or null, meshes: [{ mesh, turn, shift, paint, hub, ground }], labels: [{ at, text, color, hidden }],
  * lines: [{ from, to, color, width }] } in the scene's frame, lengths alike. Drag, touch or arrow keys
  * turn it, + and - zoom, Home resets. `hover(direction or null, x, y, view)` hears of the ball's point under
  * the pointer, in the ball's own frame.
@@ -332,6 +342,30 @@ class Stage {
     this.ballProgram = program(gl, BALL_VERTEX, BALL_FRAGMENT);
     this.meshProgram = program(gl, MESH_VERTEX, MESH_FRAGMENT);
     this.quad = this.buffer(new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]));
+    this.textures = new Map();
+  }
+
+  /** A surface { columns, rows, values } as a texture; of none one that is not read. */
+  texture(paint) {
+    const gl = this.gl;
+    if (this.textures.has(paint)) return this.textures.get(paint);
+    const bytes = paint ? numbers(paint.values, Uint8Array) : new Uint8Array(1),
+      pairs = Uint8Array.from({ length: 2 * bytes.length }, (_, k) =>
+        k % 2 ? (bytes[k >> 1] ? 255 : 0) : bytes[k >> 1],
+      ),
+      made = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, made);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RG8, paint?.columns ?? 1, paint?.rows ?? 1, 0, gl.RG, gl.UNSIGNED_BYTE, pairs);
+    for (const [name, value] of [
+      [gl.TEXTURE_MIN_FILTER, gl.LINEAR],
+      [gl.TEXTURE_MAG_FILTER, gl.LINEAR],
+      [gl.TEXTURE_WRAP_S, gl.REPEAT],
+      [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE],
+    ])
+      gl.texParameteri(gl.TEXTURE_2D, name, value);
+    this.textures.set(paint, made);
+    return made;
   }
 
   buffer(data) {
@@ -401,7 +435,7 @@ class Stage {
     // The transpose maps back to the ball's frame; WebGL takes it so without being asked to transpose.
     gl.uniformMatrix3fv(at("back"), false, multiply(this.turn, ball.turn));
     gl.uniform1i(at("dots"), Math.min(MAX_DOTS, ball.dots.length));
-    gl.uniform3fv(at("dot_"), ball.dots.slice(0, MAX_DOTS).flat());
+    if (ball.dots.length) gl.uniform3fv(at("dot_"), ball.dots.slice(0, MAX_DOTS).flat());
     gl.uniform1f(at("dotCos"), Math.cos(ball.dotAngle));
     const zones = (ball.zones || []).slice(0, MAX_ZONES);
     gl.uniform1i(at("zones"), zones.length);
@@ -413,6 +447,11 @@ class Stage {
     gl.uniform3fv(at("seam"), ball.seam || [0, 0, 1]);
     gl.uniform1f(at("seamHalf"), ball.seam ? 0.006 : 0);
     gl.uniform1i(at("chosen"), ball.chosen ?? -1);
+    const paint = ball.paint ?? null;
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, this.texture(paint));
+    gl.uniform1i(at("paint"), 0);
+    gl.uniform1i(at("painted"), paint ? 1 : 0);
     for (const [name, color] of [
       ["cBall", "--ball"],
       ["cDot", "--dot"],

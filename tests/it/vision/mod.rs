@@ -13,7 +13,7 @@ pub(crate) mod input;
 mod noise;
 mod off_axis;
 mod outline;
-mod painted;
+pub(crate) mod painted;
 mod pipe;
 mod position;
 mod rolling;

@@ -11,7 +11,9 @@ use spindoe::geometry::{
 };
 use spindoe::image::GrayImage;
 use spindoe::pattern::Pattern;
-use spindoe::surface::{PaintedFrame, PaintedRejection, PaintedTracker, SurfaceMap};
+use spindoe::surface::{
+    PaintedFrame, PaintedPose, PaintedRejection, PaintedTrack, PaintedTracker, SurfaceMap,
+};
 use spindoe::synth::blotches::Blotches;
 use spindoe::synth::{Scene, SynthConfig, SynthKind};
 use spindoe::vision::frame::{CameraModel, OutlineMethod};
@@ -62,6 +64,32 @@ fn frame_within(ball: &Scene, rotation: &Rotation, noise_seed: u64, radius: f64)
     PaintedFrame::take(&seen.image.to_gray(), &outline)
 }
 
+/// Its image under a rotation.
+fn picture(ball: &Scene, rotation: &Rotation, noise_seed: u64) -> GrayImage {
+    let mut scene = ball.clone();
+    (scene.rotation, scene.noise_seed) = (*rotation, noise_seed);
+    scene.render().unwrap().image.to_gray()
+}
+
+/// The mean slope of an image across the borders of a surface under a pose, over those that are seen well.
+fn steepness(image: &GrayImage, pose: &PaintedPose, borders: &[[Vec3; 2]]) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for [from, to] in borders {
+        let middle = (from + to).normalize();
+        let is_well = (pose.rotation * middle).z > 0.6;
+        if let Some(at) = pose.project(&middle).filter(|_| is_well) {
+            let value = |du, dv| {
+                let (u, v) = (at.u.round() as isize + du, at.v.round() as isize + dv);
+                f64::from(image.at(u, v))
+            };
+            sum += (value(1, 0) - value(-1, 0)).hypot(value(0, 1) - value(0, -1));
+            count += 1.0;
+        }
+    }
+    assert!(count > 100.0, "{count} pieces");
+    sum / count
+}
+
 /// Turned twice around, about two axes, 8 degrees a frame.
 fn turned() -> Vec<Rotation> {
     let mut rotation = Rotation::identity();
@@ -72,6 +100,15 @@ fn turned() -> Vec<Rotation> {
         now
     });
     turns.collect()
+}
+
+/// A clip of a painted ball that turns, whose last frame shows none.
+pub fn short_clip() -> PaintedTrack {
+    let ball = ball(1);
+    let turned = turned().into_iter().take(14);
+    let mut frames: Vec<PaintedFrame> = turned.map(|r| frame(&ball, &r, 7)).collect();
+    frames.push(PaintedFrame::default());
+    tracker().track(&frames)
 }
 
 fn tracker() -> PaintedTracker {
@@ -102,6 +139,20 @@ fn a_clip_is_followed_around_and_its_surface_places_frames_of_another() {
     // 1.5 and 4.2 deg when this was written; turns chained from frame to frame are off by more than 15.
     assert!(median < 2.5 && worst < 8.0, "{median:.2}, {worst:.2} deg");
     assert!(last < 5.0, "no drift: {last:.2} deg");
+
+    // The borders of the surface lie where the pictures are steep, and not where the ball is turned a little.
+    let borders = track.surface.borders();
+    for k in [3, 40, 80] {
+        let pose = track.poses[k].unwrap();
+        let aside = Rotation::from_scaled_axis(Vec3::z() * 10f64.to_radians());
+        let turned = PaintedPose {
+            rotation: aside * pose.rotation,
+            ..pose
+        };
+        let image = picture(&ball, &truth[k], k as u64);
+        let [on, off] = [&pose, &turned].map(|pose| steepness(&image, pose, &borders));
+        assert!(on > 1.4 * off, "frame {k}: {on:.4} {off:.4}");
+    }
 
     let bytes = track.surface.to_npz().unwrap();
     let surface = SurfaceMap::from_npz("ball.npz".as_ref(), &bytes).unwrap();
@@ -297,7 +348,9 @@ fn the_command_follows_a_clip_and_places_another_on_its_surface() {
     let spin: serde_json::Value = serde_json::from_str(&spin).unwrap();
     let rps = spin["rps"].as_f64().unwrap();
     assert!((rps - 5.0).abs() < 0.25, "{rps} rps");
-    let json = done(&format!("{painted} --json -o by_json.csv"));
+    let json = done(&format!(
+        "{painted} --json -o by_json.csv --overlay drawn --report page.html"
+    ));
     assert_eq!(read("by_json.csv"), read("found.csv"));
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     // A constant spin; that of the file may be of another motion.
@@ -310,6 +363,8 @@ fn the_command_follows_a_clip_and_places_another_on_its_surface() {
         assert_eq!(found, row.orientation.is_some(), "{}", row.frame);
         assert_ne!(found, frame["refusal"].is_string(), "{}", row.frame);
     }
+    #[cfg(feature = "plot")]
+    is_drawn(at, frames);
     for flag in ["--min-confidence=0.5", "--no-sequence"] {
         let name = flag.split('=').next().unwrap();
         for ball in ["--painted", "--table=ball.npz"] {
@@ -338,6 +393,26 @@ fn the_command_follows_a_clip_and_places_another_on_its_surface() {
     assert!((rps - 5.0).abs() < 0.25, "{rps} rps");
 }
 
+/// Every frame is drawn, and the page has every frame with its picture, as JSON has it.
+#[cfg(all(feature = "cli", feature = "plot"))]
+fn is_drawn(at: &std::path::Path, frames: &[serde_json::Value]) {
+    let drawn = std::fs::read_dir(at.join("drawn")).unwrap();
+    assert_eq!(drawn.count(), frames.len() + 1, "and the contact sheet");
+    assert!(at.join("drawn/contact_sheet.png").exists());
+    let ball = &crate::report::page_data(&at.join("page.html"))["content"]["balls"][0];
+    assert!(ball["paint"]["known"].as_f64().unwrap() > 0.5);
+    let shown = ball["frames"].as_array().unwrap();
+    assert_eq!(shown.len(), frames.len());
+    for (shown, frame) in shown.iter().zip(frames) {
+        assert_eq!(shown["name"], frame["frame"]);
+        assert_eq!(shown["rejection"], frame["refusal"]);
+        assert!(shown["picture"].is_string() && shown["confidence"].is_null());
+        let off =
+            shown["agreement"].as_f64().unwrap_or(0.0) - frame["agreement"].as_f64().unwrap_or(0.0);
+        assert!(off.abs() < 1e-3, "{shown}");
+    }
+}
+
 #[cfg(feature = "cli")]
 #[test]
 fn a_clip_without_a_ball_leaves_no_surface() {
@@ -348,13 +423,15 @@ fn a_clip_without_a_ball_leaves_no_surface() {
         let black = image::GrayImage::new(64, 64);
         black.save(at.join(format!("black/{k}.png"))).unwrap();
     }
-    let args = "estimate --painted black --write-surface ball.npz -o found.csv";
+    let args = "estimate --painted black --write-surface ball.npz -o found.csv --overlay drawn --report page.html";
     let args: Vec<&str> = args.split(' ').collect();
     let output = crate::common::spindoe(at, &args);
     assert_eq!(output.status.code(), Some(3));
     let words = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(words.contains("no frame shows the paint"), "{words}");
     assert!(at.join("found.csv").exists() && !at.join("ball.npz").exists());
+    // What was not found is shown, too.
+    assert!(at.join("drawn/contact_sheet.png").exists() && at.join("page.html").exists());
 }
 
 /// A ball with dark caps before bare gray, by another renderer than the crate's: parallel rays, light from the upper left, four
