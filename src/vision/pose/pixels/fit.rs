@@ -237,6 +237,7 @@ impl Fitter {
         let Problem {
             pixels,
             is_mirrored,
+            ..
         } = *problem;
         let at = pixels.at(sample, is_mirrored);
         let covered = |dot: &Seen| dot.blob.at(&off(at, dot)).map_or(0.0, |(c, _)| c);
