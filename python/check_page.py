@@ -340,6 +340,10 @@ def check(browser, path, shots, checks):
     checks.that(turn(page) != before, "a finger turns the ball")
     checks.that(not complaints, f"no complaint in the console of the phone {complaints[:3]}")
     page.context.close()
+
+
+def check_dark(browser, path, checks):
+    """A theme is chosen by what all pages share: one page shows it."""
     dark, _ = open_page(browser, path, checks, viewport={"width": 900, "height": 700}, color_scheme="dark")
     theme = dark.evaluate("() => document.documentElement.dataset.theme")
     checks.that(theme == "dark", "a dark system gets a dark page")
@@ -368,6 +372,7 @@ def main():
             skip(f"no Chromium can be started: {str(error).splitlines()[0]}")
         for path in arguments.pages:
             check(browser, path, shots, checks)
+        check_dark(browser, arguments.pages[0], checks)
         browser.close()
     sys.exit(1 if checks.failed else 0)
 

@@ -146,7 +146,7 @@ impl Tracker {
     pub fn new(estimator: Arc<Estimator>, config: TrackerConfig) -> Result<Self> {
         config.check()?;
         // Not while frames come in.
-        estimator.dense_matcher();
+        estimator.rotation_search();
         Ok(Self {
             workspace: estimator.workspace(),
             estimator,

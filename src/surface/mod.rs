@@ -27,6 +27,7 @@ mod fit;
 mod frame;
 mod laid;
 mod mapper;
+mod order;
 mod search;
 mod surface_map;
 mod track;

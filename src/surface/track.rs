@@ -9,6 +9,7 @@ use super::face::{Face, FaceMaker};
 use super::fit::FitSpace;
 use super::frame::PaintedFrame;
 use super::laid::{LAID, Laid, TURNED, apart, few, numbers};
+use super::order::have_order;
 use super::search::{Blurred, Search};
 use super::surface_map::{Grid, SurfaceMap};
 use crate::concurrency;
@@ -115,7 +116,8 @@ impl PaintedTracker {
         for _ in 0..ROUNDS {
             laid = self.together(&mut clip, laid);
         }
-        if !self.decoys(&clip.faces).are_beaten(&laid) {
+        let is_one_ball = self.decoys(&clip.faces).are_beaten(&laid);
+        if !is_one_ball || !have_order(&laid) {
             // The first is where the surface begins, and says nothing.
             let first = laid.iter().position(Option::is_some);
             let others = laid.iter_mut().enumerate();

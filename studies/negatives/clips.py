@@ -358,6 +358,50 @@ def background(rng: Rng) -> Array:
     return np.clip(base, 0, 1)
 
 
+class Scene:
+    """What stays from frame to frame: light, camera, background, and the ball's place but for a drift."""
+
+    def __init__(self, rng: Rng, radius: float) -> None:
+        self.radius = radius
+        self.gray = bool(rng.random() < 0.4)
+        self.light = unit(np.array([rng.normal(0, 0.6), rng.normal(-0.5, 0.6), 1.0]))
+        self.ambient, self.gloss = rng.uniform(0.3, 0.8), rng.uniform(0, 0.5) * (rng.random() < 0.6)
+        self.exposure, self.sigma, self.grain = rng.uniform(0.6, 1.1), rng.uniform(0.4, 1.3), rng.uniform(0.002, 0.02)
+        self.behind = background(rng)
+        self.center = np.array([rng.uniform(radius + 5, WIDTH - radius - 5), rng.uniform(radius + 5, HEIGHT - radius - 5)])
+        self.drift = rng.normal(0, 0.5, 2) * (rng.random() < 0.5)
+        self.quality = int(rng.integers(75, 98))
+
+    def jpeg(self, surface: Array, pose: Array, rng: Rng) -> Array:
+        """The next frame: a surface under a rotation from its frame to the view frame."""
+        radius, light = self.radius, self.light
+        v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
+        self.center = np.clip(self.center + self.drift, radius + 2, [WIDTH - radius - 2, HEIGHT - radius - 2])
+        x, y = (u - self.center[0]) / radius, (v - self.center[1]) / radius
+        out = np.hypot(x, y)
+        z = np.sqrt(np.clip(1 - out**2, 0, 1))
+        seen = np.stack([x, -y, z], -1) @ pose.astype(np.float32)
+        lat = np.arcsin(np.clip(seen[..., 2], -1, 1))
+        lon = np.arctan2(seen[..., 1], seen[..., 0])
+        rows = (math.pi / 2 - lat) / math.pi * (ROWS - 1)
+        columns = (lon + math.pi) / (2 * math.pi) * 2 * ROWS
+        ball = cv2.remap(surface, columns.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        facing = np.clip(x * light[0] + y * light[1] + z * light[2], 0, 1)
+        lit = ball * (self.ambient + (1 - self.ambient) * facing)[..., None]
+        half = unit(light + np.array([0, 0, 1.0]))
+        lit += self.gloss * (np.clip(x * half[0] + y * half[1] + z * half[2], 0, 1) ** 60)[..., None]
+        inside = np.clip((1 - out) * radius + 0.5, 0, 1)[..., None]
+        image = self.behind + inside * (lit - self.behind)
+        image = cv2.GaussianBlur(np.clip(image * self.exposure, 0, 1) ** (1 / 1.1), (0, 0), self.sigma)
+        image = np.clip(image + rng.normal(0, self.grain, image.shape), 0, 1)
+        image = (255 * image).astype(np.uint8)
+        if self.gray:
+            image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        ok, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self.quality])
+        assert ok
+        return jpeg
+
+
 def clip(kind: str, rng: Rng) -> tuple[list[Array], dict[str, object]]:
     """The frames of a clip, and what it is."""
     surface = KINDS[kind](rng).astype(np.float32)
@@ -372,44 +416,13 @@ def clip(kind: str, rng: Rng) -> tuple[list[Array], dict[str, object]]:
     # Its front towards the camera to begin with, mostly: people show what is drawn.
     if rng.random() < 0.6:
         pose = turn(rng.normal(0, 0.4, 3)) @ turn(np.array([math.pi / 2, 0, 0]))
-    gray = rng.random() < 0.4
-    light = unit(np.array([rng.normal(0, 0.6), rng.normal(-0.5, 0.6), 1.0]))
-    ambient, gloss = rng.uniform(0.3, 0.8), rng.uniform(0, 0.5) * (rng.random() < 0.6)
-    exposure, sigma, grain = rng.uniform(0.6, 1.1), rng.uniform(0.4, 1.3), rng.uniform(0.002, 0.02)
-    behind = background(rng)
-    center = np.array([rng.uniform(radius + 5, WIDTH - radius - 5), rng.uniform(radius + 5, HEIGHT - radius - 5)])
-    drift = rng.normal(0, 0.5, 2) * (rng.random() < 0.5)
-    quality = int(rng.integers(75, 98))
-    v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
+    scene = Scene(rng, radius)
     images = []
     for _ in range(frames):
-        center = np.clip(center + drift, radius + 2, [WIDTH - radius - 2, HEIGHT - radius - 2])
-        x, y = (u - center[0]) / radius, (v - center[1]) / radius
-        out = np.hypot(x, y)
-        z = np.sqrt(np.clip(1 - out**2, 0, 1))
-        seen = np.stack([x, -y, z], -1) @ pose.astype(np.float32)
-        lat = np.arcsin(np.clip(seen[..., 2], -1, 1))
-        lon = np.arctan2(seen[..., 1], seen[..., 0])
-        rows = (math.pi / 2 - lat) / math.pi * (ROWS - 1)
-        columns = (lon + math.pi) / (2 * math.pi) * 2 * ROWS
-        ball = cv2.remap(surface, columns.astype(np.float32), rows.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-        facing = np.clip(x * light[0] + y * light[1] + z * light[2], 0, 1)
-        lit = ball * (ambient + (1 - ambient) * facing)[..., None]
-        half = unit(light + np.array([0, 0, 1.0]))
-        lit += gloss * (np.clip(x * half[0] + y * half[1] + z * half[2], 0, 1) ** 60)[..., None]
-        inside = np.clip((1 - out) * radius + 0.5, 0, 1)[..., None]
-        image = behind + inside * (lit - behind)
-        image = cv2.GaussianBlur(np.clip(image * exposure, 0, 1) ** (1 / 1.1), (0, 0), sigma)
-        image = np.clip(image + rng.normal(0, grain, image.shape), 0, 1)
-        image = (255 * image).astype(np.uint8)
-        if gray:
-            image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        ok, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
-        assert ok
-        images.append(jpeg)
+        images.append(scene.jpeg(surface, pose, rng))
         pose = turn(step) @ pose
         step = change @ step
-    said = {"kind": kind, "frames": frames, "radius_px": radius, "motion": motion, "deg_per_frame": degrees, "gray": gray}
+    said = {"kind": kind, "frames": frames, "radius_px": radius, "motion": motion, "deg_per_frame": degrees, "gray": scene.gray}
     return images, said
 
 

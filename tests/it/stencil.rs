@@ -1062,13 +1062,19 @@ fn a_design_brings_its_sizes_along() {
     std::fs::create_dir(&folder).unwrap();
     ball.write_csv(&folder.join("pattern.csv")).unwrap();
     ball.write_npz(&dir.path().join("table.npz")).unwrap();
-    let cases: [(&[&str], [f64; 2]); 7] = [
+    // What decides is one function; the command is shown to ask it, from a folder, a table and a bare pattern.
+    for (file, stated, sizes) in [
+        ("design/pattern.csv", [None, None], [43.0, 5.2]),
+        ("design/pattern.csv", [None, Some(3.1)], [43.0, 3.1]),
+        ("plain.csv", [None, None], [40.0, 4.0]),
+    ] {
+        let ball = Ball::read(&dir.path().join(file)).unwrap();
+        assert_eq!(ball.sizes_mm(stated[0], stated[1]), sizes, "{file}");
+    }
+    let cases: [(&[&str], [f64; 2]); 4] = [
         (&["design"], [43.0, 5.2]),
-        (&["design/pattern.csv"], [43.0, 5.2]),
-        (&["table.npz"], [43.0, 5.2]),
-        (&["design", "--dot-diameter-mm", "3.1"], [43.0, 3.1]),
+        (&["table.npz", "--dot-diameter-mm", "3.1"], [43.0, 3.1]),
         (&["design", "--ball-diameter-mm", "86"], [86.0, 10.4]),
-        (&["plain.csv"], [40.0, 4.0]),
         (&["plain.csv", "--ball-diameter-mm", "220"], [220.0, 22.0]),
     ];
     for (arguments, sizes) in cases {

@@ -60,9 +60,10 @@ use super::outline::locate::Locator;
 use super::outline::net::OutlineNet;
 use super::outline::recenter::{Recentered, Recentering};
 use super::outline::rim::RimFitter;
-use super::pose::dense::{DenseMatcher, DenseWorkspace};
-use super::pose::pixels::{PlacedDot, WholeWorkspace};
+use super::pose::pixels::{PixelsMatcher, PlacedDot};
+use super::pose::places::Alignment;
 use super::pose::refine::{Match, Placement, Refiner};
+use super::pose::rotations::{RotationMatch, RotationSearch, SearchWorkspace};
 use crate::ball::Ball;
 use crate::error::Result;
 use crate::geometry::Vec3;
@@ -81,7 +82,7 @@ pub struct Estimator {
     pub(crate) recognizers: [RobustRecognizer; 2],
     pub(crate) refiner: Refiner,
     /// Made when a frame first asks for it.
-    pub(crate) dense: OnceLock<DenseMatcher>,
+    pub(crate) rotation_search: OnceLock<RotationSearch>,
     /// Where the method uses it.
     pub(crate) outline_net: Option<OutlineNet>,
     /// Variance per tangent axis of the drawn dots' places that every observed dot is given, rad^2.
@@ -113,9 +114,10 @@ pub struct EstimatorWorkspace {
     pub(crate) covers_add: bool,
     pub(crate) detector: DetectorWorkspace,
     pub(crate) recognizer: RobustWorkspace,
-    pub(crate) dense: DenseWorkspace,
+    pub(crate) search: SearchWorkspace,
     pub(crate) heat: Heat,
-    pub(crate) whole: WholeWorkspace,
+    pub(crate) aligned: Vec<RotationMatch<Alignment>>,
+    pub(crate) by_pixels: PixelsMatcher,
     pub(crate) placed: Vec<PlacedDot>,
     /// The dots handed to the recognizer, and their detections.
     pub(crate) observed: Vec<ObservedDot>,
@@ -207,7 +209,7 @@ impl Estimator {
                 RobustRecognizer::for_ball(ball, doubtful)?,
             ],
             refiner,
-            dense: OnceLock::new(),
+            rotation_search: OnceLock::new(),
             outline_net,
             placement_variance,
             ball_radius_m,
@@ -266,9 +268,10 @@ impl Estimator {
             covers_add: false,
             detector: self.detector.workspace(),
             recognizer: self.recognizers[0].workspace(),
-            dense: DenseWorkspace::default(),
+            search: SearchWorkspace::default(),
             heat: Heat::default(),
-            whole: WholeWorkspace::default(),
+            aligned: Vec::new(),
+            by_pixels: PixelsMatcher::default(),
             placed: Vec::with_capacity(EXPECTED_DOTS),
             observed: Vec::with_capacity(EXPECTED_DOTS),
             indices: Vec::with_capacity(EXPECTED_DOTS),

@@ -305,7 +305,7 @@ impl Estimator {
             if !(out.is_settled() || is_hopeless || ws.spending.is_late()) {
                 self.look_again(crop, ws, out);
                 self.identify(Detections::All, ws, out);
-                self.identify_densely(ws, out);
+                self.identify_by_places(ws, out);
             }
         }
         if let Some(hint) = hint.filter(|_| !is_doubtful && !ws.spending.is_late()) {
@@ -313,7 +313,7 @@ impl Estimator {
         }
         let is_hopeless = is_doubtful && out.promise() < PROMISING;
         if self.detector.looks_again() && !is_hopeless {
-            self.identify_whole(crop, hint, ws, out);
+            self.identify_by_pixels(crop, hint, ws, out);
         }
     }
 

@@ -82,6 +82,14 @@ impl CameraModel {
         }
     }
 
+    /// The camera of a match that was made at a distance: that one, unless the camera is known.
+    pub(crate) fn at_inverse_distance(&self, inverse_distance: f64) -> Camera {
+        match *self {
+            Self::Known(camera) => camera,
+            Self::Unknown(_) => Camera::Near { inverse_distance },
+        }
+    }
+
     /// The view of a frame's ball; `None` where it has no outline in the camera's domain.
     pub(crate) fn view_of(&self, frame: &FrameEstimate) -> Option<BallView> {
         let estimated = frame.pose().and_then(|pose| pose.distance);

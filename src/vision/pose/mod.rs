@@ -2,13 +2,13 @@
 //! refined on dots and then on pixels, and its probability is that of all that speaks for it ([`TrustMap`]).
 
 pub(crate) mod all_places;
-pub(crate) mod dense;
 pub(crate) mod identify;
 pub(crate) mod pixels;
+pub(crate) mod places;
 pub(crate) mod refine;
+pub(crate) mod rotations;
 pub(crate) mod sharpen;
 pub(crate) mod trust;
-pub(crate) mod whole;
 
 pub use trust::{
     FEATURES, PixelsEvidence, PlacesEvidence, PoseEvidence, PoseSource, TrustMap, Weights,

@@ -10,7 +10,7 @@
 //! ln odds' = w_0 + sum_i w_i f_i
 //! ```
 //!
-//! Poses that were not found by their detections but by all places where dots may be ([`super::dense`]), or by all pixels of a small ball
+//! Poses that were not found by their detections but by all places where dots may be ([`super::places`]), or by all pixels of a small ball
 //! ([`super::pixels`]), have weights of their own, for what those say beside that.
 //!
 //! `bench derive` in `studies/` fits the weights, on images of which every second shows the ball (small balls for those of their pixels), and
@@ -69,7 +69,7 @@ pub enum PoseSource {
     Pixels(PixelsEvidence),
 }
 
-/// What the cells of the detector's map say of a pose (`pose::dense`).
+/// What the cells of the detector's map say of a pose (`pose::places`).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacesEvidence {
     /// The sum of its terms.

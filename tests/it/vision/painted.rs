@@ -1,10 +1,14 @@
 //! Balls painted with marks of any shape: orientations against what was rendered.
 
+use std::f64::consts::TAU;
+
 use nalgebra::Matrix3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use spindoe::Rotation;
-use spindoe::geometry::{Vec3, random_rotation, rotation_angle, spiral_directions};
+use spindoe::geometry::{
+    Vec3, random_direction, random_rotation, rotation_angle, spiral_directions,
+};
 use spindoe::image::GrayImage;
 use spindoe::pattern::Pattern;
 use spindoe::surface::{
@@ -13,7 +17,7 @@ use spindoe::surface::{
 use spindoe::synth::blotches::Blotches;
 use spindoe::synth::{Scene, SynthConfig, SynthKind};
 use spindoe::vision::frame::{CameraModel, OutlineMethod};
-use spindoe::vision::optics::camera::Camera;
+use spindoe::vision::optics::camera::{BallCircle, Camera, Pixel};
 use spindoe::vision::outline::find::OutlineFinder;
 use spindoe::vision::{CircleConfig, FrameEstimate, Outline, Prior};
 
@@ -222,6 +226,62 @@ fn frames_of_unrelated_balls_have_no_pose_beyond_the_first() {
                 let ball = ball_of(1_000 + 100 * set + k, diameter_px);
                 frame(&ball, &random_rotation(&mut rng), k)
             })
+            .collect();
+        let track = tracker().track(&frames);
+        assert_eq!(track.poses.iter().flatten().count(), 1, "set {set}");
+    }
+}
+
+/// Faint clouds under one light, by another renderer than the crate's: parallel rays, another ball in each frame. What the frames have in
+/// common is the light.
+#[test]
+fn light_that_all_frames_share_is_no_paint() {
+    let (side, radius) = (66usize, 29.5);
+    let middle = 0.5 * (side - 1) as f64;
+    let light = Vec3::new(-0.4, 0.5, 0.77);
+    for set in 0..crate::common::few_or_all(2, 8) as u64 {
+        let mut rng = ChaCha8Rng::seed_from_u64(5_960 + set);
+        let mut clouds = || {
+            let waves: Vec<(Vec3, f64)> = (0..12)
+                .map(|_| {
+                    let length = rng.random_range(2.5..7.0);
+                    (
+                        random_direction(&mut rng) * length,
+                        rng.random_range(0.0..TAU),
+                    )
+                })
+                .collect();
+            let value = |at: Vec3| {
+                let sum: f64 = waves
+                    .iter()
+                    .map(|(w, phase)| (w.dot(&at) + phase).cos())
+                    .sum();
+                let paint = 0.5 + 0.04 * sum;
+                paint * (0.3 + 0.6 * at.dot(&light).max(0.0))
+            };
+            let values = (0..side * side).map(|at| {
+                let x = ((at % side) as f64 - middle) / radius;
+                let y = (middle - (at / side) as f64) / radius;
+                let rim = x * x + y * y;
+                let lit = if rim < 1.0 {
+                    value(Vec3::new(x, y, (1.0 - rim).sqrt()))
+                } else {
+                    0.0
+                };
+                (lit + rng.random_range(-0.006..0.006)).clamp(0.0, 1.0) as f32
+            });
+            GrayImage::new(side, side, values.collect()).unwrap()
+        };
+        let circle = BallCircle::new(
+            Pixel {
+                u: middle,
+                v: middle,
+            },
+            radius,
+        );
+        let outline = Outline::given(circle, Matrix3::zeros());
+        let frames: Vec<PaintedFrame> = (0..24)
+            .map(|_| PaintedFrame::take(&clouds(), &outline))
             .collect();
         let track = tracker().track(&frames);
         assert_eq!(track.poses.iter().flatten().count(), 1, "set {set}");

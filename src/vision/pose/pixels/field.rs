@@ -7,7 +7,7 @@ use crate::vision::dots::blob::flatten::{self, harmonics};
 use crate::vision::net::graph::CELLS;
 use crate::vision::optics::ball_pixels::BallPixels;
 use crate::vision::optics::camera::Pixel;
-use crate::vision::pose::dense::{self, Terms};
+use crate::vision::pose::rotations::{Terms, place};
 
 /// Number of spherical harmonics.
 pub(crate) const SHADES: usize = flatten::TERMS;
@@ -72,7 +72,6 @@ pub(crate) struct Pixels {
     /// What these leave of the light.
     rest: Vec<f64>,
     sorted: Vec<f64>,
-    terms: Terms,
     center: Pixel,
     radius: f64,
 }
@@ -84,7 +83,6 @@ impl Default for Pixels {
             bases: Vec::with_capacity(EXPECTED),
             rest: Vec::with_capacity(EXPECTED),
             sorted: Vec::with_capacity(EXPECTED),
-            terms: [0.0; CELLS * CELLS],
             center: Pixel::default(),
             radius: 1.0,
         }
@@ -214,25 +212,20 @@ impl Pixels {
         }
     }
 
-    /// For each cell of a patch the logarithm of how much likelier the pixels are with a dot there than without, as
-    /// [`dense`](crate::vision::pose::dense) sums them; of the mirrored ball, of which the pattern is the mirrored pattern.
-    pub fn terms(&mut self, is_mirrored: bool) -> &Terms {
-        if is_mirrored {
-            self.terms.chunks_mut(CELLS).for_each(<[f32]>::reverse);
-            return &self.terms;
-        }
+    /// For each cell of a patch the logarithm of how much likelier the pixels are with a dot there than without.
+    pub fn fill(&mut self, terms: &mut Terms) {
         self.sorted.clear();
         self.sorted.extend(self.rest.iter().map(|r| r.abs()));
         let sigma = deviation(&mut self.sorted).max(SEARCH_SIGMA);
         for row in 0..CELLS {
             for column in 0..CELLS {
-                let place = dense::place(column, row);
-                let ratio = self.ratio(place, sigma).unwrap_or(f64::NEG_INFINITY);
+                let ratio = self
+                    .ratio(place(column, row), sigma)
+                    .unwrap_or(f64::NEG_INFINITY);
                 let explained = MISSED + (1.0 - MISSED) * ratio.min(SUREST).exp();
-                self.terms[row * CELLS + column] = explained.ln() as f32;
+                terms[row * CELLS + column] = explained.ln() as f32;
             }
         }
-        &self.terms
     }
 
     /// The logarithm of the likelihood ratio of a dot, whose ink is the usual one, and none.

@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
-use super::field::{BLUR, Blob, INK, Pixels, PlacedDot, RHO, SHADES};
+use super::field::{BLUR, Blob, INK, Pixels, PlacedDot, RHO, SHADES, Sample};
 use crate::fit::{Normal, Student, Sums};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::MAX_DOTS;
@@ -34,9 +34,11 @@ const PLACED: f64 = 0.06;
 /// Of a dot whose pixels say less than this part of what is known, its place says nothing.
 const SEEN: f64 = 0.5;
 
-/// The ball as its outline has it.
+/// The ball's dots, and the ball as its outline has it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Start {
+pub(crate) struct Start<'a> {
+    /// The pattern's dots.
+    pub dots: &'a [Vec3],
     pub view: BallView,
     /// Standard deviations of the outline's center per axis and of its radius, pixels.
     pub outline_sigma_px: [f64; 2],
@@ -44,7 +46,7 @@ pub(crate) struct Start {
     pub is_unknown: bool,
 }
 
-impl Start {
+impl Start<'_> {
     fn seen(&self, fit: &Fit) -> Option<BallView> {
         match self.is_unknown {
             true => BallView::new(
@@ -57,6 +59,14 @@ impl Start {
         }
         .ok()
     }
+}
+
+/// What a fit is made to: a ball's pixels, or those of the mirrored ball.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Problem<'a> {
+    pub pixels: &'a Pixels,
+    pub start: &'a Start<'a>,
+    pub is_mirrored: bool,
 }
 
 /// What is fitted.
@@ -76,7 +86,7 @@ pub(crate) struct Fit {
 }
 
 impl Fit {
-    pub fn new(rotation: Rotation, start: &Start) -> Self {
+    pub fn new(rotation: Rotation, start: &Start<'_>) -> Self {
         let mut light = [0.0; SHADES];
         light[0] = 1.0;
         Self {
@@ -92,7 +102,7 @@ impl Fit {
     }
 
     /// What is known of the unknowns from the fourth on: how far they are off, and the deviation.
-    fn known(&self, start: &Start) -> [(f64, f64); OWN - 3] {
+    fn known(&self, start: &Start<'_>) -> [(f64, f64); OWN - 3] {
         let (a, b) = (start.view.circle(), &self.circle);
         let [center, radius] = start.outline_sigma_px;
         let distance = match start.is_unknown {
@@ -158,17 +168,14 @@ impl Default for Fitter {
 
 impl Fitter {
     /// Fits for so many steps; `None` where that leads nowhere.
-    pub fn fit(
-        &mut self,
-        pixels: &Pixels,
-        dots: &[Vec3],
-        start: &Start,
-        mut fit: Fit,
-        is_mirrored: bool,
-        steps: usize,
-    ) -> Option<Fit> {
+    pub fn fit(&mut self, problem: &Problem<'_>, mut fit: Fit, steps: usize) -> Option<Fit> {
+        let Problem {
+            pixels,
+            start,
+            is_mirrored,
+        } = *problem;
         for _ in 0..steps {
-            self.look(dots, start, &fit)?;
+            self.look(problem, &fit)?;
             let blur2 = (2.0 * fit.ln_blur).exp();
             let mut sums = Sums::<UNKNOWNS>::default();
             let variance = fit.scale * fit.scale;
@@ -206,45 +213,32 @@ impl Fitter {
     }
 
     /// Minus the logarithm of the likelihood, for residuals of a deviation.
-    pub fn cost(
-        &mut self,
-        pixels: &Pixels,
-        dots: &[Vec3],
-        start: &Start,
-        fit: &Fit,
-        is_mirrored: bool,
-        scale: f64,
-    ) -> Option<f64> {
-        self.look(dots, start, fit)?;
+    pub fn cost(&mut self, problem: &Problem<'_>, fit: &Fit, scale: f64) -> Option<f64> {
+        self.look(problem, fit)?;
         let term = |sample| {
-            let residual = self.residual(pixels, sample, fit, is_mirrored) / scale;
+            let residual = self.residual(problem, sample, fit) / scale;
             0.5 * LOSS.cost(residual * residual)
         };
-        let known = fit.known(start).map(|(off, sigma)| (off / sigma).powi(2));
-        let sum: f64 = pixels.samples.iter().map(term).sum();
+        let known = fit
+            .known(problem.start)
+            .map(|(off, sigma)| (off / sigma).powi(2));
+        let sum: f64 = problem.pixels.samples.iter().map(term).sum();
         Some(sum + 0.5 * known.iter().sum::<f64>())
     }
 
     /// The squares that a match leaves.
-    pub fn squares(
-        &mut self,
-        pixels: &Pixels,
-        dots: &[Vec3],
-        start: &Start,
-        fit: &Fit,
-    ) -> Option<f64> {
-        self.look(dots, start, fit)?;
-        let square = |sample| self.residual(pixels, sample, fit, false).powi(2);
-        Some(pixels.samples.iter().map(square).sum())
+    pub fn squares(&mut self, problem: &Problem<'_>, fit: &Fit) -> Option<f64> {
+        self.look(problem, fit)?;
+        let square = |sample| self.residual(problem, sample, fit).powi(2);
+        Some(problem.pixels.samples.iter().map(square).sum())
     }
 
-    fn residual(
-        &self,
-        pixels: &Pixels,
-        sample: &super::field::Sample,
-        fit: &Fit,
-        is_mirrored: bool,
-    ) -> f64 {
+    fn residual(&self, problem: &Problem<'_>, sample: &Sample, fit: &Fit) -> f64 {
+        let Problem {
+            pixels,
+            is_mirrored,
+            ..
+        } = *problem;
         let at = pixels.at(sample, is_mirrored);
         let covered = |dot: &Seen| dot.blob.at(&off(at, dot)).map_or(0.0, |(c, _)| c);
         let covered: f64 = self.seen.iter().map(covered).sum();
@@ -254,13 +248,13 @@ impl Fitter {
     }
 
     /// The visible dots.
-    fn look(&mut self, dots: &[Vec3], start: &Start, fit: &Fit) -> Option<()> {
-        let view = start.seen(fit)?;
+    fn look(&mut self, problem: &Problem<'_>, fit: &Fit) -> Option<()> {
+        let view = problem.start.seen(fit)?;
         let turn = fit.rotation.to_rotation_matrix();
         let (circle, horizon) = (&fit.circle, view.horizon());
         let (radius, blur) = (fit.ln_radius.exp() * circle.radius, fit.ln_blur.exp());
         self.seen.clear();
-        for (name, dot) in (0u16..).zip(dots) {
+        for (name, dot) in (0u16..).zip(problem.start.dots) {
             let direction = turn * dot;
             if direction.z < horizon + 0.02 {
                 continue;
@@ -317,15 +311,13 @@ impl Fitter {
     /// The visible dots where the pixels have them: each is moved in turn, the others where they are, with the light of the match.
     pub fn place(
         &mut self,
-        pixels: &Pixels,
-        dots: &[Vec3],
-        start: &Start,
+        problem: &Problem<'_>,
         fit: &Fit,
         min_depth: f64,
         out: &mut Vec<PlacedDot>,
     ) {
         out.clear();
-        if self.look(dots, start, fit).is_none() {
+        if self.look(problem, fit).is_none() {
             return;
         }
         let sigma = PLACED * fit.circle.radius;
@@ -334,13 +326,13 @@ impl Fitter {
         for _ in 0..ROUNDS {
             for k in 0..self.seen.len() {
                 let mut sums = Sums::<2>::default();
-                for sample in &pixels.samples {
+                for sample in &problem.pixels.samples {
                     let dot = &self.seen[k];
                     let Some((covered, slope)) = dot.blob.at(&off(sample.at, dot)) else {
                         continue;
                     };
                     let by = slope * (-fit.ink * covered * sample.weight);
-                    let residual = self.residual(pixels, sample, fit, false);
+                    let residual = self.residual(problem, sample, fit);
                     let weight = LOSS.weight(residual * residual / variance) / variance;
                     sums.add(by.as_ref(), residual, weight);
                 }
@@ -356,7 +348,7 @@ impl Fitter {
         let turn = fit.rotation.to_rotation_matrix();
         for dot in &self.seen {
             let is_seen = dot.information.determinant() > (SEEN * known).determinant();
-            if (turn * dots[usize::from(dot.name)]).z < min_depth || !is_seen {
+            if (turn * problem.start.dots[usize::from(dot.name)]).z < min_depth || !is_seen {
                 continue;
             }
             // Where the pixels alone have it.

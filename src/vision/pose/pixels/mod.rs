@@ -12,7 +12,7 @@
 //! variance `s^2 + rho^2 / 4` along the limb and `s^2 + z^2 rho^2 / 4` across it, of the mass `pi rho^2 z`.
 //!
 //! The image is divided by the light that its brighter pixels show. Then each dot adds to the likelihood by its own place alone,
-//! so that 60 000 orientations are summed as in [`dense`](super::dense); the best of them, and those that others propose, are
+//! so that all rotations are searched ([`rotations`](super::rotations)); the best of them, and those that others propose, are
 //! fitted to the pixels ([`fit`]), and compared by Student's distribution of the residuals. The mirrored pattern is no
 //! ball's: it competes as all other orientations do.
 
@@ -21,178 +21,145 @@ mod fit;
 
 pub(crate) use field::Pixels;
 pub use field::PlacedDot;
-pub(crate) use fit::Fit;
+pub(crate) use fit::{Fit, Start};
 
-use super::dense::{DenseMatcher, DenseWorkspace};
-use crate::geometry::{Rotation, Vec3};
-use crate::vision::optics::camera::BallView;
+use super::rotations::{self, RotationMatch, RotationSearch, STARTS, SearchWorkspace};
+use super::trust::PixelsEvidence;
+use crate::geometry::Rotation;
+use fit::{Fitter, Problem};
 
-/// Orientations of the pattern and of its mirror image each that are fitted, and those that are fitted to the end.
-const STARTS: usize = 16;
-const FINISHED: usize = 8;
-/// The most orientations that others propose.
+/// So many of the best rotations are considered for those that are not next to each other: their sums have broad peaks.
+const CONSIDERED: usize = 600;
+/// Rotations that are fitted to the end.
+const FINISHED: usize = 16;
+/// The most rotations that others propose.
 const PROPOSED: usize = 3;
 /// Steps of the fit of all, and further ones of the best.
 const STEPS: [usize; 2] = [3, 6];
-/// Orientations that differ by more are different answers, radians: 20 degrees.
-const DIFFERENT: f64 = 0.35;
 /// The least standard deviation of the residuals, of the ball's light: what the model leaves out.
 const MIN_SCALE: f64 = 0.03;
 
-/// The orientation by a small ball's pixels.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct WholeMatch {
-    pub fit: Fit,
-    /// By how much its logarithmic likelihood exceeds that of any other orientation and of the mirrored pattern.
-    pub margin: f64,
-    /// The part of the squares that shading leaves which the dots explain.
-    pub explained: f64,
-}
-
-/// What an orientation is worth before the pixels are seen.
+/// What a rotation is worth before the pixels are seen.
 pub(crate) type RotationPrior<'a> = &'a dyn Fn(&Rotation) -> f64;
 
-/// Working memory.
+/// Matches by a small ball's pixels; keeps its memory.
 #[derive(Debug, Clone)]
-pub(crate) struct WholeWorkspace {
+pub(crate) struct PixelsMatcher {
     pixels: Pixels,
-    starts: Vec<Rotation>,
-    found: Vec<Found>,
-    fitter: fit::Fitter,
+    found: Vec<RotationMatch<Fit>>,
+    fitter: Fitter,
 }
 
-impl Default for WholeWorkspace {
+impl Default for PixelsMatcher {
     fn default() -> Self {
-        let most = STARTS + PROPOSED;
         Self {
             pixels: Pixels::default(),
-            starts: Vec::with_capacity(most),
-            found: Vec::with_capacity(2 * most),
-            fitter: fit::Fitter::default(),
+            found: Vec::with_capacity(2 * (STARTS + PROPOSED)),
+            fitter: Fitter::default(),
         }
     }
 }
 
-#[derive(Debug, Clone, Copy)]
-struct Found {
-    fit: Fit,
-    is_mirrored: bool,
-    /// Minus the logarithm of its likelihood.
-    cost: f64,
-}
-
-impl WholeWorkspace {
+impl PixelsMatcher {
     /// The pixels, to be read.
     pub fn pixels(&mut self) -> &mut Pixels {
         &mut self.pixels
     }
 
-    /// The best orientation (view frame) of the dots by the pixels read. `proposed` are orientations that are tried in any case.
-    /// `start` is the view of the ball, whose camera's distance is fitted where it `is_unknown`.
+    /// The best rotation (view frame) by the pixels read. `proposed` are rotations that are tried in any case.
     pub fn best(
         &mut self,
-        dots: &[Vec3],
-        matcher: &DenseMatcher,
-        start: &fit::Start,
+        start: &Start<'_>,
         proposed: impl Iterator<Item = Rotation>,
-        search: &mut DenseWorkspace,
-    ) -> Option<WholeMatch> {
-        self.found.clear();
-        self.starts.clear();
-        self.starts.extend(proposed.take(PROPOSED));
-        let horizon = start.view.horizon();
-        for is_mirrored in [false, true] {
-            let terms = self.pixels.terms(is_mirrored);
-            let count = self.starts.len() + STARTS;
-            matcher.starts(terms, horizon, count, search, &mut self.starts);
-            for &rotation in &self.starts {
-                let begun = Fit::new(rotation, start);
-                let fit = self
-                    .fitter
-                    .fit(&self.pixels, dots, start, begun, is_mirrored, STEPS[0]);
-                self.found.extend(fit.map(|fit| Found {
-                    fit,
-                    is_mirrored,
-                    cost: 0.0,
-                }));
-            }
-            self.starts.clear();
+        search: &RotationSearch,
+        ws: &mut SearchWorkspace,
+    ) -> Option<(Fit, PixelsEvidence)> {
+        self.pixels.fill(&mut ws.terms);
+        let (horizon, proposed) = (Some(start.view.horizon()), proposed.take(PROPOSED));
+        let Self {
+            pixels,
+            found,
+            fitter,
+        } = self;
+        search.fit_best(horizon, CONSIDERED, proposed, ws, found, |tried, _| {
+            let begun = Fit::new(tried.rotation, start);
+            // What it is worth is weighed when all are fitted.
+            Some((
+                fitter.fit(&pixels.problem(start, tried.is_mirrored), begun, STEPS[0])?,
+                0.0,
+            ))
+        });
+        self.weigh(start, &|_| 0.0);
+        self.found.truncate(FINISHED);
+        for RotationMatch {
+            fit, is_mirrored, ..
+        } in &mut self.found
+        {
+            let problem = self.pixels.problem(start, *is_mirrored);
+            *fit = self.fitter.fit(&problem, *fit, STEPS[1]).unwrap_or(*fit);
         }
-        self.weigh(dots, start, &|_| 0.0);
-        let count = self.found.len().min(2 * FINISHED);
-        self.found.truncate(count);
-        for k in 0..count {
-            let Found {
-                fit, is_mirrored, ..
-            } = self.found[k];
-            let finished = self
-                .fitter
-                .fit(&self.pixels, dots, start, fit, is_mirrored, STEPS[1]);
-            self.found[k].fit = finished.unwrap_or(fit);
-        }
-        self.weigh_expected(dots, start, &|_| 0.0)
+        self.weigh_expected(start, &|_| 0.0)
     }
 
-    /// The same by the orientations that were fitted, with a prior.
+    /// The same by the rotations that were fitted, with a prior.
     pub fn weigh_expected(
         &mut self,
-        dots: &[Vec3],
-        start: &fit::Start,
+        start: &Start<'_>,
         prior: RotationPrior<'_>,
-    ) -> Option<WholeMatch> {
-        self.weigh(dots, start, prior);
-        let best = *self.found.iter().find(|f| !f.is_mirrored)?;
-        let is_other =
-            |f: &&Found| f.is_mirrored || f.fit.rotation.angle_to(&best.fit.rotation) > DIFFERENT;
-        let other = self.found.iter().find(is_other).map(|f| f.cost)?;
-        let left = self.fitter.squares(&self.pixels, dots, start, &best.fit)?;
-        Some(WholeMatch {
-            fit: best.fit,
+    ) -> Option<(Fit, PixelsEvidence)> {
+        self.weigh(start, prior);
+        let (best, other) = rotations::best(&self.found, |fit| fit.rotation)?;
+        let left = self
+            .fitter
+            .squares(&self.pixels.problem(start, false), &best.fit)?;
+        let evidence = PixelsEvidence {
+            margin: best.score - other?,
             explained: (1.0 - left / self.pixels.squares()).max(0.0),
-            margin: other - best.cost,
-        })
+        };
+        Some((best.fit, evidence))
     }
 
-    /// Sorts what was found, the likeliest first, by the residuals' deviation of the likeliest.
-    fn weigh(&mut self, dots: &[Vec3], start: &fit::Start, prior: RotationPrior<'_>) {
+    /// Weighs what was found by the residuals' deviation of the likeliest, and sorts it, the likeliest first.
+    fn weigh(&mut self, start: &Start<'_>, prior: RotationPrior<'_>) {
         let scales = self.found.iter().map(|f| f.fit.scale);
         let scale = scales.fold(f64::INFINITY, f64::min).max(MIN_SCALE);
-        for found in &mut self.found {
-            let Found {
-                fit, is_mirrored, ..
-            } = *found;
+        for RotationMatch {
+            fit,
+            is_mirrored,
+            score,
+        } in &mut self.found
+        {
             let of_rotation = match is_mirrored {
                 true => 0.0,
                 false => prior(&fit.rotation),
             };
-            let cost = self
-                .fitter
-                .cost(&self.pixels, dots, start, &fit, is_mirrored, scale);
-            found.cost = cost.unwrap_or(f64::INFINITY) - of_rotation;
+            let problem = self.pixels.problem(start, *is_mirrored);
+            let cost = self.fitter.cost(&problem, fit, scale);
+            *score = of_rotation - cost.unwrap_or(f64::INFINITY);
         }
         self.found
-            .sort_unstable_by(|a, b| a.cost.total_cmp(&b.cost));
+            .sort_unstable_by(|a, b| b.score.total_cmp(&a.score));
     }
 
     /// The visible dots where the pixels have them, about a match.
     pub fn place(
         &mut self,
-        dots: &[Vec3],
-        start: &fit::Start,
+        start: &Start<'_>,
         fit: &Fit,
         min_depth: f64,
         out: &mut Vec<PlacedDot>,
     ) {
-        self.fitter
-            .place(&self.pixels, dots, start, fit, min_depth, out);
+        let problem = self.pixels.problem(start, false);
+        self.fitter.place(&problem, fit, min_depth, out);
     }
 }
 
-/// How a match begins: the ball as its outline has it.
-pub(crate) fn start(view: BallView, outline_sigma_px: [f64; 2], is_unknown: bool) -> fit::Start {
-    fit::Start {
-        view,
-        outline_sigma_px,
-        is_unknown,
+impl Pixels {
+    fn problem<'a>(&'a self, start: &'a Start<'a>, is_mirrored: bool) -> Problem<'a> {
+        Problem {
+            pixels: self,
+            start,
+            is_mirrored,
+        }
     }
 }
