@@ -16,7 +16,7 @@ const FORESEEN: f64 = 0.6;
 /// Frames of which all pairs are compared, at most.
 const COMPARED: usize = 100;
 /// Poses that are spread by no more, radians, are a ball at rest.
-const AT_REST: f64 = 0.015;
+const AT_REST: f64 = 0.02;
 
 /// Whether the poses of frames, in the order of time, have an order. A clip of very few frames is believed to.
 pub(crate) fn have_order(laid: &[Option<Laid>]) -> bool {
