@@ -26,7 +26,7 @@ void main() {
   if (painted) {
     // By latitude and longitude; red is the shade, green says whether it is known.
     vec2 at = vec2(0.5 + atan(d.y, d.x) / 6.2831853, acos(clamp(d.z, -1.0, 1.0)) / 3.1415927);
-    vec2 seen = texture(paint, at).rg;
+    vec2 seen = textureLod(paint, at, 0.0).rg;
     float stripe = smoothstep(0.35, 0.5, abs(fract((d.x + d.y + d.z) * 9.0) - 0.5));
     vec3 unknown = mix(cZone, cBall, 0.55 + 0.3 * stripe);
     vec3 known = mix(cDot, cBall, seen.r / max(seen.g, 0.01));
