@@ -127,6 +127,9 @@ impl RotationSearch {
         found.clear();
         starts.clear();
         starts.extend(proposed);
+        // As many as can come: later frames then take no more.
+        found.reserve(2 * self.tables.len() * (STARTS + starts.len()));
+        starts.reserve(STARTS);
         for is_mirrored in [false, true] {
             for table in self.in_question(inverse_distance) {
                 table.score_into(terms, scores);
