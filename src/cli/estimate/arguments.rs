@@ -63,7 +63,7 @@ pub struct Arguments {
     pub(super) asked: Asked,
     #[command(flatten)]
     pub(super) times: TimesArgument,
-    /// Draw frames with their dots, or the borders of paint, into this folder; and a contact sheet, or, where the name ends in .mp4, an annotated video (through ffmpeg; more than 30 frames a second play slower).
+    /// Draw frames with what was found into this folder; of a painted ball the borders of its paint; and a contact sheet, or, where the name ends in .mp4, an annotated video (through ffmpeg; more than 30 frames a second play slower).
     #[cfg(feature = "plot")]
     #[arg(long, value_name = "DIR_OR_MP4")]
     pub(super) overlay: Option<PathBuf>,

@@ -95,7 +95,8 @@ impl Default for SearchWorkspace {
         Self {
             terms: [0.0; CELLS * CELLS],
             scores: Vec::new(),
-            starts: Vec::new(),
+            // Those proposed, too: they are fewer.
+            starts: Vec::with_capacity(2 * STARTS),
         }
     }
 }
@@ -127,9 +128,6 @@ impl RotationSearch {
         found.clear();
         starts.clear();
         starts.extend(proposed);
-        // As many as can come: later frames then take no more.
-        found.reserve(2 * self.tables.len() * (STARTS + starts.len()));
-        starts.reserve(STARTS);
         for is_mirrored in [false, true] {
             for table in self.in_question(inverse_distance) {
                 table.score_into(terms, scores);
