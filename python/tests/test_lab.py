@@ -137,8 +137,9 @@ def test_a_data_set_in_python_is_that_of_the_command(tmp_path, clip):
     with pytest.raises(ValueError, match="half_window"):
         spindoe.dataset.write(folder / "a/images", estimator, tmp_path / "none", half_window=0)
     # In a mirror these are images of no such ball.
-    mirrored = spindoe.dataset.write(folder / "a/images", estimator, tmp_path / "mirrored", mirrored=True)
-    assert mirrored["clips"][0]["identified"] == 0 < record["clips"][0]["identified"]
+    with pytest.raises(ValueError, match="no clip shows the ball"):
+        spindoe.dataset.write(folder / "a/images", estimator, tmp_path / "mirrored", mirrored=True)
+    assert not (tmp_path / "mirrored").exists()
     (tmp_path / "dataset.json").write_text("{}")
     with pytest.raises(ValueError, match=r"dataset\.json"):
         spindoe.dataset.read(tmp_path)
