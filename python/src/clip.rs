@@ -88,7 +88,8 @@ impl HeldPictures for Images {
     }
 }
 
-/// Hears of frames, and tells Python's `progress` of them.
+/// Counts frames, and reports them to Python's `progress`.
+#[derive(Default)]
 pub struct Listener {
     heard: Option<Py<PyAny>>,
     done: AtomicUsize,
@@ -110,7 +111,7 @@ impl BatchObserver for Listener {
 
     fn progress(&self, _: &[BatchFrame<()>]) {
         let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
-        // Frames that are read once more were heard of.
+        // Frames that are read once more were reported.
         let is_due = done.is_multiple_of(FRAMES_AT_ONCE) || done == self.total;
         let Some(heard) = self.heard.as_ref().filter(|_| is_due && done <= self.total) else {
             return;
@@ -123,7 +124,7 @@ impl BatchObserver for Listener {
     }
 }
 
-/// The clips of one camera or several, and who hears of their frames.
+/// The clips of one camera or several, and where their progress is reported.
 pub struct Clips {
     pub listed: Vec<SourceList>,
     listener: Listener,
@@ -163,10 +164,9 @@ impl Clips {
             listed: listed.collect::<PyResult<_>>()?,
             listener: Listener {
                 heard: progress,
-                done: AtomicUsize::new(0),
                 total: images.iter().map(Vec::len).sum(),
-                raised: Mutex::new(None),
                 ended,
+                ..Listener::default()
             },
         })
     }
@@ -175,13 +175,7 @@ impl Clips {
     pub fn files(listed: SourceList) -> Self {
         Self {
             listed: vec![listed],
-            listener: Listener {
-                heard: None,
-                done: AtomicUsize::new(0),
-                total: 0,
-                raised: Mutex::new(None),
-                ended: Arc::default(),
-            },
+            listener: Listener::default(),
         }
     }
 

@@ -11,15 +11,15 @@ use pyo3::prelude::*;
 use spindoe::ball::DesignRecord;
 use spindoe::calibrate::CalibrationConfig;
 use spindoe::clip::{
-    self, Batch, BatchConfig, FrameClock, LiveCheck, SequenceConfig, SequenceOutcome, SequenceRows,
-    SequenceSmears, TrackerConfig, orientations,
+    self, Batch, BatchConfig, FrameClock, LiveCheck, SequenceConfig, SequenceEvidence,
+    SequenceRows, SequenceSmears, TrackerConfig,
 };
 use spindoe::geometry::{CameraFrame, tangent_frame};
 use spindoe::image::ImageView;
 use spindoe::report::calibration::CalibrationEvaluationConfig;
 use spindoe::source::files::list_sources;
 use spindoe::spin::SpinRejection;
-use spindoe::spin::alias::{SpinEvidence, Together};
+use spindoe::spin::alias::SpinEvidence;
 use spindoe::spin::estimate::FittedMotion;
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::robust::SpinConfig;
@@ -488,19 +488,20 @@ fn spin_of(
     frame: CameraFrame,
     exposure_s: Option<f64>,
 ) -> (Orientations, Option<Result<Estimated, SpinRejection>>) {
-    let named = batch.named();
-    let is_sequence = matches!(batch.sequence, SequenceOutcome::Estimated { .. });
-    let file = orientations(&named, frame, is_sequence);
-    if !is_sequence {
+    let file = batch.orientations(frame);
+    if !batch.is_sequence() {
         return (file, None);
     }
+    let named = batch.named();
     let smears =
         exposure_s.and_then(|open_s| SequenceSmears::new(estimator, &named, open_s, frame));
     let rows = SequenceRows::new(estimator, config.row_s(&batch.frames), &named, frame);
-    let smears = smears.as_ref().map(|smears| smears as &dyn SpinEvidence);
-    let rows = rows.as_ref().map(|rows| rows as &dyn SpinEvidence);
-    let all = Together(smears.into_iter().chain(rows).collect());
-    let evidence = (!all.0.is_empty()).then_some(&all as &dyn SpinEvidence);
+    let evidence = SequenceEvidence {
+        smears: smears.as_ref(),
+        rows: rows.as_ref(),
+    };
+    let together = evidence.together();
+    let evidence = together.as_ref().map(|all| all as &dyn SpinEvidence);
     let spin = Estimated::of_sequence(&file, config.sequence.spin, evidence);
     (file, Some(spin))
 }

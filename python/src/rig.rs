@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::Matrix3;
 use numpy::PyArray1;
 use pyo3::prelude::*;
-use spindoe::clip::{RigClip, SequenceOutcome, run_rig_sources};
+use spindoe::clip::{RigClip, run_rig_sources};
 use spindoe::geometry::CameraFrame;
 use spindoe::spin::orientations::Orientations;
 use spindoe::vision::frame::CameraModel;
@@ -170,9 +170,10 @@ impl Rig {
         let (clip, rows, spin) = clips.run(py, config, move |listed, config, listener| {
             let clip = run_rig_sources(&rig, &tables, listed, config, listener)?;
             let rows = clip.outcome.orientations(CameraFrame::Camera);
-            let is_sequence = matches!(clip.together.sequence, SequenceOutcome::Estimated { .. });
-            let spin =
-                is_sequence.then(|| Estimated::of_sequence(&rows, config.sequence.spin, None));
+            let spin = clip
+                .together
+                .is_sequence()
+                .then(|| Estimated::of_sequence(&rows, config.sequence.spin, None));
             Ok((clip, rows, spin))
         })?;
         for camera in &clip.cameras {

@@ -6,12 +6,14 @@ use super::ball_tracks::NumberedBalls;
 use super::balls::BallEstimate;
 use super::focal::FocalDoubt;
 use super::judgment::Judgment;
-use super::orientations::NamedFrame;
+use super::orientations::{NamedFrame, orientations};
 use super::sequence::SequenceSummary;
 use super::times::TimeSource;
 use crate::error::Result;
+use crate::geometry::CameraFrame;
 use crate::image::RgbImage;
 use crate::source::files::{SkippedFiles, Source};
+use crate::spin::orientations::Orientations;
 use crate::spin::{Fit, SpinRejection};
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
 
@@ -155,6 +157,16 @@ impl<K> Batch<K> {
             SequenceOutcome::Estimated { summary, .. } => summary.alone,
             _ => self.identified(),
         }
+    }
+
+    /// Whether the frames of one ball have times and were estimated as a sequence.
+    pub fn is_sequence(&self) -> bool {
+        matches!(self.sequence, SequenceOutcome::Estimated { .. })
+    }
+
+    /// The orientations of one ball, in these axes.
+    pub fn orientations(&self, axes: CameraFrame) -> Orientations {
+        orientations(&self.named(), axes, self.is_sequence())
     }
 
     /// The frames with their names and times.

@@ -3,9 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::bounce::{Bounce, BounceConfig, PathPoint, bounces};
-use crate::clip::{
-    self, BatchConfig, BatchObserver, NamedFrame, SequenceOutcome, TimeSource, orientations,
-};
+use crate::clip::{self, BatchConfig, BatchObserver, TimeSource};
 use crate::error::{Error, Result};
 use crate::geometry::CameraFrame;
 use crate::spin::estimate::{MotionModel, SpinEstimate};
@@ -74,16 +72,11 @@ pub fn read_clip(
     }
     let inputs = [path.to_path_buf()];
     let batch = clip::run(estimators, &inputs, &config.batch, observer)?;
-    if !matches!(batch.sequence, SequenceOutcome::Estimated { .. }) {
+    if !batch.is_sequence() {
         let problem = "expected two frames or more with times that increase (--fps, --times)";
         return Err(Error::input(path, "times", problem));
     }
-    let named = batch.frames.iter().map(|frame| NamedFrame {
-        name: &frame.name,
-        time_s: frame.time_s,
-        estimate: frame.estimate(),
-    });
-    let file = orientations(&named.collect::<Vec<_>>(), config.axes, true);
+    let file = batch.orientations(config.axes);
     let spin = SpinConfig {
         times: batch.times.origin(),
         ..config.batch.sequence.spin

@@ -11,8 +11,8 @@ use crate::stats::median;
 
 /// Fewer frames that follow each other have no order to speak of.
 const ROW: usize = 8;
-/// By so much of the spread of all poses neighbors are foreseen, at most.
-const FORESEEN: f64 = 0.6;
+/// By so much of the spread of all poses the next pose differs from what the last ones predict, at most.
+const PREDICTED: f64 = 0.6;
 /// Frames of which all pairs are compared, at most.
 const COMPARED: usize = 100;
 /// Poses that are spread by no more, radians, are a ball at rest.
@@ -42,7 +42,7 @@ pub(crate) fn have_order(laid: &[Option<Laid>]) -> bool {
             go_on.push(rotation_angle(&steps[0], &steps[1]));
         }
     }
-    go_on.len() + 2 >= ROW && median(&mut stay).min(median(&mut go_on)) < FORESEEN * spread
+    go_on.len() + 2 >= ROW && median(&mut stay).min(median(&mut go_on)) < PREDICTED * spread
 }
 
 #[cfg(test)]

@@ -116,8 +116,7 @@ impl PaintedTracker {
         for _ in 0..ROUNDS {
             laid = self.together(&mut clip, laid);
         }
-        let is_one_ball = self.decoys(&clip.faces).are_beaten(&laid);
-        if !is_one_ball || !have_order(&laid) {
+        if !have_order(&laid) || !self.decoys(&clip.faces).are_beaten(&laid) {
             // The first is where the surface begins, and says nothing.
             let first = laid.iter().position(Option::is_some);
             let others = laid.iter_mut().enumerate();

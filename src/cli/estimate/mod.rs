@@ -23,8 +23,8 @@ use clap::ArgMatches;
 use super::inputs::{self, Counting};
 use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::clip::{
-    self, BallEstimate, Batch, BatchConfig, BatchFrame, BatchObserver, SequenceRows,
-    SequenceSmears, Work,
+    self, BallEstimate, Batch, BatchConfig, BatchFrame, BatchObserver, SequenceEvidence,
+    SequenceRows, SequenceSmears, Work,
 };
 use crate::error::{Error, Result};
 use crate::files;
@@ -34,7 +34,7 @@ use crate::vision::{Estimator, FrameEstimate};
 pub use arguments::Arguments;
 use arguments::Shown;
 pub(super) use asked::{Asked, Preset};
-use output::{Evidence, Report};
+use output::Report;
 
 /// Keeps the pictures that overlays need.
 struct Pictures {
@@ -124,7 +124,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     let named = batch.named();
     let row_s = config.row_s(&batch.frames);
     let rows = SequenceRows::new(&estimators[table], row_s, &named, frame);
-    let evidence = Evidence {
+    let evidence = SequenceEvidence {
         smears: smears.as_ref(),
         rows: rows.as_ref(),
     };

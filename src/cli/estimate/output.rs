@@ -9,14 +9,11 @@ use super::written::{ClipRows, Row, ball_json, say_times};
 use super::{Arguments, Asked, Picture};
 use crate::cli::motion::Motion;
 use crate::cli::spin_summary;
-use crate::clip::orientations;
-use crate::clip::rolling::SequenceRows;
-use crate::clip::smears::SequenceSmears;
-use crate::clip::{Batch, BatchFrame, SequenceOutcome};
+use crate::clip::{Batch, BatchFrame, SequenceEvidence, SequenceOutcome};
 use crate::files::csv::shown;
 use crate::geometry::CameraFrame;
 use crate::spin::SpinRejection;
-use crate::spin::alias::{AliasConfig, SpinEvidence, Together};
+use crate::spin::alias::AliasConfig;
 #[cfg(feature = "plot")]
 use crate::spin::estimate::FittedMotion;
 use crate::spin::estimate::SpinEstimate;
@@ -49,30 +46,8 @@ pub(super) struct Report<'a> {
 struct Smeared {
     /// Number of frames used.
     frames: usize,
-    /// See [`SequenceSmears::exposure_factor`].
+    /// See [`SequenceSmears::exposure_factor`](crate::clip::SequenceSmears::exposure_factor).
     factor: Option<f64>,
-}
-
-/// What beside the orientations speaks of the spin.
-pub(super) struct Evidence<'a> {
-    pub smears: Option<&'a SequenceSmears>,
-    pub rows: Option<&'a SequenceRows<'a>>,
-}
-
-impl Evidence<'_> {
-    /// All of it; `None` without any.
-    fn together(&self) -> Option<Together<'_>> {
-        let smears = self.smears.map(|smears| smears as &dyn SpinEvidence);
-        let rows = self.rows.map(|rows| rows as &dyn SpinEvidence);
-        let all: Vec<_> = smears.into_iter().chain(rows).collect();
-        (!all.is_empty()).then_some(Together(all))
-    }
-}
-
-/// The file of orientations.
-fn file_of(frame: CameraFrame, batch: &Batch<Picture>) -> Orientations {
-    let is_sequence = matches!(batch.sequence, SequenceOutcome::Estimated { .. });
-    orientations(&batch.named(), frame, is_sequence)
 }
 
 /// The rows of the frames, whose orientations are those of a file.
@@ -107,9 +82,9 @@ fn spin(
     arguments: &Arguments,
     batch: &Batch<Picture>,
     orientations: &Orientations,
-    evidence: &Evidence<'_>,
+    evidence: &SequenceEvidence<'_>,
 ) -> Option<Result<(SpinSummary, Motion), SpinRejection>> {
-    if !matches!(batch.sequence, SequenceOutcome::Estimated { .. }) {
+    if !batch.is_sequence() {
         return None;
     }
     let config = orientations.spin_config(SpinConfig {
@@ -177,9 +152,9 @@ impl<'a> Report<'a> {
         arguments: &'a Arguments,
         frame: CameraFrame,
         batch: &'a Batch<Picture>,
-        evidence: &Evidence<'_>,
+        evidence: &SequenceEvidence<'_>,
     ) -> Self {
-        Self::of_rows(arguments, frame, batch, evidence, file_of(frame, batch))
+        Self::of_rows(arguments, frame, batch, evidence, batch.orientations(frame))
     }
 
     /// That of a batch whose orientations are these.
@@ -187,7 +162,7 @@ impl<'a> Report<'a> {
         arguments: &'a Arguments,
         frame: CameraFrame,
         batch: &'a Batch<Picture>,
-        evidence: &Evidence<'_>,
+        evidence: &SequenceEvidence<'_>,
         file: Orientations,
     ) -> Self {
         let spin = spin(arguments, batch, &file, evidence);

@@ -81,7 +81,9 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result
     // Rows that another program's format refuses leave nothing written.
     let rows = report.rows.text()?;
     #[cfg(feature = "plot")]
-    if let Some(shown) = surface.or(made.as_ref()) {
+    if let Some(shown) = surface.or(made.as_ref())
+        && arguments.wants_pictures()
+    {
         let drawing = Drawing {
             surface: shown,
             poses: &poses,

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::output::{Evidence, Report};
+use super::output::Report;
 use super::{Arguments, Pictures};
 use crate::cli::images::{first_size, read_balls};
 use crate::cli::inputs::{self, Counting};
-use crate::clip::{ClockCheck, Fusion, RigClip, RigDoubt, RigOutcome, run_rig};
+use crate::clip::{ClockCheck, Fusion, RigClip, RigDoubt, RigOutcome, SequenceEvidence, run_rig};
 use crate::error::{Error, Result, counted};
 use crate::files;
 use crate::vision::frame::config::CameraModel;
@@ -47,10 +47,7 @@ pub(super) fn run(arguments: &Arguments, path: &Path) -> Result<()> {
         }
     }
     let frame = asked.axes();
-    let evidence = Evidence {
-        smears: None,
-        rows: None,
-    };
+    let evidence = SequenceEvidence::default();
     let orientations = clip.outcome.orientations(frame);
     let report = Report::of_rows(arguments, frame, &clip.together, &evidence, orientations);
     let text = report.rows().text()?;
