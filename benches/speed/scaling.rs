@@ -1,7 +1,7 @@
 //! Cost as a function of the input's size: every reader, `identify` and `spin` on 10^4 to 10^6
 //! rows, `estimate` on 10 to 1 000 frames.
 //!
-//! `cargo bench --bench scaling [-- MAX_ROWS]`. Time is CPU time (user, all threads), since other
+//! Time is CPU time (user, all threads), since other
 //! processes may use the machine too; wall time is printed beside it. The exponent is the slope of
 //! the straight line through the logarithms: 1 is linear.
 
@@ -31,26 +31,17 @@ use spindoe::vision::{
     Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, OutlinePrior, Prior,
 };
 
+use crate::Outcome;
+
 const ROWS: [usize; 3] = [10_000, 100_000, 1_000_000];
 const FRAMES: [usize; 3] = [10, 100, 1_000];
 /// Rows of the largest input for commands that do more than read it.
 const MAX_SPIN_ROWS: usize = 100_000;
 
-type Outcome = Result<(), Box<dyn std::error::Error>>;
-
-fn main() -> Outcome {
-    // Cargo passes `--bench`, which has no meaning here.
-    let max = std::env::args().find_map(|a| a.parse().ok());
-    let rows: Vec<usize> = ROWS
-        .into_iter()
-        .filter(|r| *r <= max.unwrap_or(usize::MAX))
-        .collect();
-    println!("| what | rows | user s | wall s | user us a row |\n|---|---|---|---|---|");
-    let dir = std::env::temp_dir().join(format!("spindoe-scaling-{}", std::process::id()));
-    std::fs::create_dir_all(&dir)?;
-    let done = measure_all(&dir, &rows);
-    std::fs::remove_dir_all(&dir)?;
-    done
+pub fn run() -> Outcome {
+    println!("\n| what | rows | user s | wall s | user us a row |\n|---|---|---|---|---|");
+    let dir = tempfile::tempdir()?;
+    measure_all(dir.path(), &ROWS)
 }
 
 fn measure_all(dir: &Path, rows: &[usize]) -> Outcome {
