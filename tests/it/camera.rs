@@ -158,7 +158,7 @@ fn spins_of_sequences_come_with_their_errors() {
 #[test]
 fn the_command_advises_and_names_what_it_cannot_use() {
     let dir = tempfile::tempdir().unwrap();
-    let frames = few_or_all(40, 100);
+    let frames = few_or_all(28, 100);
     std::fs::write(
         dir.path().join("camera.toml"),
         "ball_px = 45\nrps = [10, 60]\n",
@@ -321,7 +321,7 @@ fn sensitivity_and_simulation_take_a_camera() {
         "--camera",
         "camera.toml",
     ];
-    let frames = few_or_all(12, 40).to_string();
+    let frames = few_or_all(4, 40).to_string();
     let words = done(
         at,
         &[&swept[..], &["--samples", &frames, "--json"]].concat(),

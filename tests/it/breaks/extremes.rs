@@ -25,8 +25,6 @@ const EXTREMES: [&str; 9] = [
     "",
     "LONG",
 ];
-/// Values for each flag among the other tests.
-const VALUES: usize = 2;
 
 /// A command, its inputs, and the flags that make its work small. `@` stands for the folder of the inputs.
 type Small = (
@@ -181,7 +179,8 @@ fn extreme_values_are_refused_or_used() {
                 continue;
             }
             let mut values = EXTREMES.to_vec();
-            while !all && values.len() > VALUES {
+            let most = crate::common::few_or_all(1, 2);
+            while !all && values.len() > most {
                 values.swap_remove(rng.random_range(0..values.len()));
             }
             for value in values {

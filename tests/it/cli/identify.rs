@@ -305,7 +305,7 @@ fn an_answer_leaves_before_the_input_ends() {
 #[test]
 fn answers_are_the_same_on_any_number_of_threads_and_from_any_input() {
     let dir = workshop();
-    let views = few_or_all(1000, 2500);
+    let views = few_or_all(400, 2500);
     dumped(dir.path(), "clutter", &views.to_string(), "0");
     // What a file's frames tell is learned in advance, a pipe's as they come: both give the same where
     // nothing is to be learned.

@@ -113,7 +113,9 @@ fn a_merge_that_was_killed_is_continued() {
         assert_eq!(report(&dir.join("whole")), report(&dir.join(out)), "{out}");
     }
     // A folder with the search of one piece, or of other shards, is no merge of these.
-    design(dir, &["--config", "shards=3", "--output", "other"]);
+    let other = ["--config", "shards=3", "--output", "other"];
+    let other = [&["design"], &SMALL[..], &other].concat();
+    kill_once_there(dir, &other, &dir.join("other/search.json"));
     let out = spindoe(dir, &[&merge("other")[..], &["--resume"]].concat());
     let said = String::from_utf8_lossy(&out.stderr);
     assert_eq!(out.status.code(), Some(2), "{said}");

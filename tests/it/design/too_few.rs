@@ -27,16 +27,21 @@ fn simulated(dots: &[Vec3], config: &TooFewDots, views: usize) -> f64 {
         let [a, b]: [f64; 2] = [rng.random(), rng.random()];
         (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
     };
+    let crowds: Vec<f64> = dots
+        .iter()
+        .map(|d| {
+            let near = |e: &Vec3| (-(d - e).norm_squared() / 0.18).exp();
+            dots.iter().map(near).sum::<f64>() - 1.0
+        })
+        .collect();
     let mut detected = |dots: &[Vec3], crowding: f64| -> usize {
         let v = random_direction(&mut rng);
         let limit = config.visibility_limit + config.limit_spread * normal(&mut rng);
-        let is_detected = |d: &&Vec3| {
-            let near = |e: &Vec3| (-(*d - e).norm_squared() / 0.18).exp();
-            let crowd = dots.iter().map(near).sum::<f64>() - 1.0;
-            let logit = (d.dot(&v) - limit) / config.softness - crowding * crowd;
+        let is_detected = |(d, crowd): &(&Vec3, &f64)| {
+            let logit = (d.dot(&v) - limit) / config.softness - crowding * **crowd;
             rng.random::<f64>() < config.detection_probability / (1.0 + (-logit).exp())
         };
-        dots.iter().filter(is_detected).count()
+        dots.iter().zip(&crowds).filter(is_detected).count()
     };
     let CountFailures {
         min_dots,

@@ -61,9 +61,10 @@ fn check(name: &str, found: &[Vec<f64>; 2], median: f64, most: f64) {
 
 #[test]
 fn outlines_are_found_to_a_fraction_of_a_pixel() {
-    let bright = survey(100, 1, |_, _| {});
+    let count = crate::common::few_or_all(40, 100);
+    let bright = survey(count, 1, |_, _| {});
     check("60 px, bright on dark", &bright, 0.2, 0.6);
-    let tight = survey(100, 2, |scene, rng| {
+    let tight = survey(count, 2, |scene, rng| {
         let side = 60 + (10.0 * rng.random::<f64>()) as usize;
         *scene = Scene {
             width: side,
@@ -72,29 +73,29 @@ fn outlines_are_found_to_a_fraction_of_a_pixel() {
         };
     });
     check("touching all borders", &tight, 0.3, 1.0);
-    let off = survey(100, 3, |scene, rng| {
+    let off = survey(count, 3, |scene, rng| {
         let shift = |x: f64| 9.0 * (2.0 * x - 1.0);
         scene.circle.center.u += shift(rng.random());
         scene.circle.center.v += shift(rng.random());
     });
     check("off-center by up to 15 %, cut", &off, 0.3, 1.0);
-    let dark = survey(100, 4, |scene, _| {
+    let dark = survey(count, 4, |scene, _| {
         scene.background = 0.95;
         scene.ball = 0.5;
         scene.directed = 0.3;
     });
     check("dark on bright", &dark, 0.3, 1.0);
-    let half = survey(100, 5, |scene, rng| {
+    let half = survey(count, 5, |scene, rng| {
         (scene.width, scene.height) = (120, 120);
         scene.circle.center.u = 40.0 + 40.0 * rng.random::<f64>();
         scene.circle.center.v = 40.0 + 40.0 * rng.random::<f64>();
     });
     check("half of the crop", &half, 0.2, 0.6);
-    let large = survey(30, 6, |scene, _| {
+    let large = survey(crate::common::few_or_all(12, 30), 6, |scene, _| {
         *scene = Scene::new(200, 92.0, &scene.dots, scene.rotation);
     });
     check("200 px", &large, 0.6, 1.8);
-    let small = survey(100, 7, |scene, _| {
+    let small = survey(count, 7, |scene, _| {
         *scene = Scene::new(40, 17.0, &scene.dots, scene.rotation);
     });
     check("34 px", &small, 0.3, 1.0);

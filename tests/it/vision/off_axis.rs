@@ -215,8 +215,8 @@ fn errors_before(behind: Behind, distance: f64, off_axis_deg: f64, told: Told) -
     let mut errors = Vec::new();
     // Few of the balls whose edge is hidden are answered.
     let trials = match behind {
-        Behind::Alike => TRIALS,
-        _ => trials(),
+        Behind::Alike => crate::common::few_or_all(24, TRIALS),
+        Behind::Dark => trials(),
     };
     for _ in 0..trials {
         let cast = Cast::random(distance, off_axis_deg.to_radians(), &mut rng);
@@ -253,7 +253,7 @@ fn errors_through(distortion: [f64; 4], is_told: bool) -> Vec<f64> {
     let pattern = crate::common::random_pattern(20, 5);
     let mut rng = ChaCha8Rng::seed_from_u64(341);
     let mut errors = Vec::new();
-    for k in 0..TRIALS {
+    for k in 0..crate::common::few_or_all(20, TRIALS) {
         let off_axis = [12.0, 24.0][k % 2];
         let cast = Cast::through(distortion, 12.0, f64::to_radians(off_axis), &mut rng);
         let image = cast.image(pattern.dots(), Behind::Dark, |light| light, &mut rng);
@@ -401,7 +401,7 @@ fn outlines_by_the_net_alone_are_as_good_off_the_axis() {
             .flat_map(|d| angles.iter().map(|a| (*d, *a)));
         let all = each.flat_map(|(d, a)| errors_before(Behind::Alike, d, a, Told::Intrinsics));
         let (mut right, wrong): (Vec<f64>, Vec<f64>) = all.partition(|e| *e < 20.0);
-        assert!(right.len() >= 20 && wrong.len() <= 3, "{right:?} {wrong:?}");
+        assert!(right.len() >= 12 && wrong.len() <= 3, "{right:?} {wrong:?}");
         spindoe::stats::median(&mut right)
     };
     let (on, off) = (of(&[0.0]), of(&[20.0, 27.0, 35.0]));
