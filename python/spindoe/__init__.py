@@ -23,6 +23,7 @@ from ._design import Design, DesignProgress, DesignResult, Proportion, Validatio
 from ._fictrac import FicTracPath, fictrac
 from ._frame import BallView, Camera, FrameEstimate, Pose
 from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
+from ._painted import PaintedEstimator, PaintedSequence, Surface
 from ._pattern import DesignRecord, HashTable, KeepOut, Pattern, PatternSummary
 from ._published import Trajectory, TrajectorySet, read_trajectories, write_onnx
 from ._recognize import (
@@ -65,6 +66,8 @@ __all__ = [
     "Identification",
     "Identifications",
     "KeepOut",
+    "PaintedEstimator",
+    "PaintedSequence",
     "PaperSettings",
     "Pattern",
     "PatternSummary",
@@ -84,6 +87,7 @@ __all__ = [
     "StencilSettings",
     "StrobeEstimate",
     "StrobeHypothesis",
+    "Surface",
     "SynthSettings",
     "Tracker",
     "TrackerState",

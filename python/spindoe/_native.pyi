@@ -322,6 +322,37 @@ _Strobed = tuple[
     tuple[_Floats, _Floats, list[list[float]], _Golf | None, str | None] | str,
 ]
 
+class Surface:
+    def __new__(cls, name: str, bytes: bytes) -> Surface: ...
+    def to_bytes(self) -> bytes: ...
+    def known(self) -> float: ...
+    def chart(self) -> _Floats: ...
+
+class PaintedEstimator:
+    def __new__(cls, camera: _Camera, outline: str, ball_radius_m: float) -> PaintedEstimator: ...
+    def estimate_sequence(
+        self,
+        images: _Sequence[Any],
+        color: str,
+        times_s: list[float] | None,
+        surface: Surface | None,
+        asked: dict[str, Any],
+        progress: Callable[[int, int], object] | None,
+    ) -> tuple[
+        tuple[_Floats, _Floats, _Floats | None, Any],
+        _Floats,
+        _Floats,
+        list[str | None],
+        _Floats,
+        _Floats,
+        _Floats,
+        Surface | None,
+        _Spin | str | None,
+        list[float] | None,
+        bool,
+        float,
+    ]: ...
+
 class Balls:
     def __new__(cls, estimators: _Sequence[Estimator], count: int | None) -> Balls: ...
     def estimate(self, image: Any, color: str) -> list[_Ball]: ...

@@ -6,7 +6,7 @@ import io
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -161,28 +161,23 @@ class SequenceEstimate:
         """
         library = optional("pandas", "pandas")
         count = len(self.frames)
-        posed = np.array([bool(f.pose) for f in self.frames], dtype=bool)
-        circles = np.array([f.circle or (np.nan,) * 3 for f in self.frames]).reshape(count, 3)
-        columns: dict[str, Any] = {
-            "time_s": np.full(count, np.nan) if self.times_s is None else self.times_s,
-            **{f"q{axis}": self.quaternions_wxyz[:, k] for k, axis in enumerate("wxyz")},
-            "dots": np.array([len(f.dots) for f in self.frames], dtype=np.int64),
-            "matched": self.matched,
-            "residual_rad": self.residuals_rad,
-            "confidence": self.confidences,
-            "camera_frame": [self.frame if has_pose else "" for has_pose in posed],
-        }
-        for i, j in zip(*np.triu_indices(3), strict=True):
-            columns[f"cov_{'xyz'[i]}{'xyz'[j]}"] = self.covariances_rad2[:, i, j]
-        if self.frame in ("camera", "optical"):
-            columns |= {f"{axis}_m": self.positions_m[:, k] for k, axis in enumerate("xyz")}
-            blocks = _column((3, 3), [f.position_covariance_m2 for f in self.frames])
-            for i, j in zip(*np.triu_indices(3), strict=True):
-                columns[f"cov_m2_{'xyz'[i]}{'xyz'[j]}"] = blocks[:, i, j]
-        if self.view_turns_rad is not None:
-            names = [f"{vector}_{axis}" for vector in ("turn", "sd1", "sd2", "sd3") for axis in "xyz"]
-            columns |= {name: self.view_turns_rad[:, k] for k, name in enumerate(names)}
-        columns |= {name: circles[:, k] for k, name in enumerate(("u_px", "v_px", "radius_px"))}
+        found = FrameColumns(
+            self.times_s,
+            self.quaternions_wxyz,
+            self.covariances_rad2,
+            self.frame,
+            self.positions_m,
+            _column((3, 3), [f.position_covariance_m2 for f in self.frames]),
+            np.array([f.circle or (np.nan,) * 3 for f in self.frames]).reshape(count, 3),
+            {
+                "dots": np.array([len(f.dots) for f in self.frames], dtype=np.int64),
+                "matched": self.matched,
+                "residual_rad": self.residuals_rad,
+                "confidence": self.confidences,
+            },
+            self.view_turns_rad,
+        )
+        columns, units = frame_columns(found)
         if self.cameras is not None:
             columns["cameras"] = self.cameras
         if self.chi2 is not None:
@@ -190,7 +185,7 @@ class SequenceEstimate:
         columns["hinted"] = [bool(f.pose and f.pose.hinted) for f in self.frames]
         columns["reason"] = ["" if f.pose else f.pose.reason for f in self.frames]
         table: pandas.DataFrame = library.DataFrame(columns, index=library.RangeIndex(count, name="frame"))
-        table.attrs = {"frame": self.frame, "units": {name: unit for name in columns if (unit := _unit(name))}}
+        table.attrs = {"frame": self.frame, "units": units}
         return table
 
     def fictrac(
@@ -248,8 +243,47 @@ def _column(shape: tuple[int, ...], rows: list[Any]) -> Floats:
     return np.array(filled, np.float64).reshape(len(rows), *shape)
 
 
+@dataclass(frozen=True, slots=True)
+class FrameColumns:
+    """What frames have in common of which a table is made: a row a frame, NaN where one lacks it."""
+
+    times_s: Floats | None
+    quaternions_wxyz: Floats
+    covariances_rad2: Floats
+    frame: Frame
+    positions_m: Floats
+    position_covariances_m2: Floats
+    circles: Floats
+    dots: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """What is known of the dots, by the column's name."""
+    view_turns_rad: Floats | None = None
+
+
+def frame_columns(found: FrameColumns) -> tuple[dict[str, Any], dict[str, str]]:
+    """The columns of a table, and the units of those that have one."""
+    count = len(found.quaternions_wxyz)
+    posed = ~np.isnan(found.quaternions_wxyz[:, 0])
+    columns: dict[str, Any] = {
+        "time_s": np.full(count, np.nan) if found.times_s is None else found.times_s,
+        **{f"q{axis}": found.quaternions_wxyz[:, k] for k, axis in enumerate("wxyz")},
+        **found.dots,
+        "camera_frame": [found.frame if has_pose else "" for has_pose in posed],
+    }
+    for i, j in zip(*np.triu_indices(3), strict=True):
+        columns[f"cov_{'xyz'[i]}{'xyz'[j]}"] = found.covariances_rad2[:, i, j]
+    if found.frame in ("camera", "optical"):
+        columns |= {f"{axis}_m": found.positions_m[:, k] for k, axis in enumerate("xyz")}
+        for i, j in zip(*np.triu_indices(3), strict=True):
+            columns[f"cov_m2_{'xyz'[i]}{'xyz'[j]}"] = found.position_covariances_m2[:, i, j]
+    if found.view_turns_rad is not None:
+        names = [f"{vector}_{axis}" for vector in ("turn", "sd1", "sd2", "sd3") for axis in "xyz"]
+        columns |= {name: found.view_turns_rad[:, k] for k, name in enumerate(names)}
+    columns |= {name: found.circles[:, k] for k, name in enumerate(("u_px", "v_px", "radius_px"))}
+    return columns, {name: unit for name in columns if (unit := _unit(name))}
+
+
 def _unit(column: str) -> str | None:
-    """The unit of a column of `SequenceEstimate.to_dataframe`, by its name."""
+    """The unit of a column of a table of frames, by its name."""
     if column.startswith("cov_m2_"):
         return "m^2"
     if column.startswith("cov_"):

@@ -98,6 +98,23 @@ pub struct Listener {
     ended: Arc<AtomicBool>,
 }
 
+impl Listener {
+    /// Hears of one frame more.
+    pub fn heard(&self) {
+        let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
+        // Frames that are read once more were reported.
+        let is_due = done.is_multiple_of(FRAMES_AT_ONCE) || done == self.total;
+        let Some(heard) = self.heard.as_ref().filter(|_| is_due && done <= self.total) else {
+            return;
+        };
+        if let Err(error) = Python::attach(|py| heard.call1(py, (done, self.total))) {
+            let mut raised = self.raised.lock().unwrap_or_else(PoisonError::into_inner);
+            raised.get_or_insert(error);
+            self.ended.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
 impl BatchObserver for Listener {
     type Kept = ();
 
@@ -110,17 +127,7 @@ impl BatchObserver for Listener {
     }
 
     fn progress(&self, _: &[BatchFrame<()>]) {
-        let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
-        // Frames that are read once more were reported.
-        let is_due = done.is_multiple_of(FRAMES_AT_ONCE) || done == self.total;
-        let Some(heard) = self.heard.as_ref().filter(|_| is_due && done <= self.total) else {
-            return;
-        };
-        if let Err(error) = Python::attach(|py| heard.call1(py, (done, self.total))) {
-            let mut raised = self.raised.lock().unwrap_or_else(PoisonError::into_inner);
-            raised.get_or_insert(error);
-            self.ended.store(true, Ordering::Relaxed);
-        }
+        self.heard();
     }
 }
 

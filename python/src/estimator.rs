@@ -152,7 +152,7 @@ pub fn project_points<'py>(
 }
 
 /// What is known of the camera, by kind and numbers.
-fn camera_model(kind: &str, numbers: &[f64]) -> PyResult<CameraModel> {
+pub fn camera_model(kind: &str, numbers: &[f64]) -> PyResult<CameraModel> {
     if numbers.iter().any(|x| !x.is_finite()) {
         return Err(value_error("camera", "expected finite numbers"));
     }
@@ -502,7 +502,11 @@ fn spin_of(
     };
     let together = evidence.together();
     let evidence = together.as_ref().map(|all| all as &dyn SpinEvidence);
-    let spin = Estimated::of_sequence(&file, config.sequence.spin, evidence);
+    let config = SpinConfig {
+        times: batch.times.origin(),
+        ..config.sequence.spin
+    };
+    let spin = Estimated::of_sequence(&file, config, evidence);
     (file, Some(spin))
 }
 

@@ -16,6 +16,7 @@ mod estimator;
 mod fictrac;
 mod frames;
 mod image;
+mod painted;
 mod pattern;
 mod published;
 mod recognizer;
@@ -47,6 +48,8 @@ mod _native {
     use super::fictrac::fictrac_rows;
     #[pymodule_export]
     use super::image::read_image;
+    #[pymodule_export]
+    use super::painted::{PaintedEstimator, Surface};
     #[pymodule_export]
     use super::pattern::{HashTable, Pattern, shipped_designs};
     #[pymodule_export]

@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 use spindoe::clip::{RigClip, run_rig_sources};
 use spindoe::geometry::CameraFrame;
 use spindoe::spin::orientations::Orientations;
+use spindoe::spin::robust::SpinConfig;
 use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{Camera, EstimatorConfig, Extrinsics, RigCamera};
 use spindoe::{Ball, Vec3};
@@ -170,10 +171,14 @@ impl Rig {
         let (clip, rows, spin) = clips.run(py, config, move |listed, config, listener| {
             let clip = run_rig_sources(&rig, &tables, listed, config, listener)?;
             let rows = clip.outcome.orientations(CameraFrame::Camera);
-            let spin = clip
-                .together
+            let together = &clip.together;
+            let config = SpinConfig {
+                times: together.times.origin(),
+                ..config.sequence.spin
+            };
+            let spin = together
                 .is_sequence()
-                .then(|| Estimated::of_sequence(&rows, config.sequence.spin, None));
+                .then(|| Estimated::of_sequence(&rows, config, None));
             Ok((clip, rows, spin))
         })?;
         for camera in &clip.cameras {

@@ -9,34 +9,9 @@ use crate::spin::Fit;
 use crate::spin::alias::Alternative;
 use crate::spin::robust::standard_deviations;
 use crate::spin::summary::SpinSummary;
-#[cfg(feature = "vision")]
-use crate::spin::{
-    SpinRejection,
-    alias::AliasConfig,
-    estimate::{MotionModel, SpinEstimate},
-    orientations::Orientations,
-    robust::SpinConfig,
-};
 
 /// Alternatives printed in words where no rule says which they are; JSON has them all.
 const MAX_PRINTED: usize = 3;
-
-/// The constant spin of rows whose times increase, in their frame.
-#[cfg(feature = "vision")]
-pub(super) fn of_rows(
-    file: &Orientations,
-    spin: &SpinConfig,
-) -> Result<SpinSummary, SpinRejection> {
-    let config = file.spin_config(*spin);
-    let measurements = file.measurements();
-    let estimate = SpinEstimate::fit(&measurements, MotionModel::Constant, &config)?;
-    let listed = AliasConfig {
-        max_rps: spin.max_rps,
-        sigma_rad: config.sigma_rad,
-        ..AliasConfig::default()
-    };
-    Ok(estimate.summary(&measurements, None, &listed, file.rows.len()))
-}
 
 /// The summary as JSON; vectors and orientation in `frame`.
 pub(super) fn to_json(summary: &SpinSummary, frame: CameraFrame) -> Value {

@@ -36,7 +36,7 @@ pub use evidence::SequenceEvidence;
 pub use focal::{CameraCheck, FocalDoubt, LiveCheck, SeenOval, focal_doubt};
 pub use judgment::Judgment;
 pub use orientations::{NamedFrame, orientations};
-pub use painted::SurfaceObserver;
+pub use painted::{PaintedClip, PaintedEstimator, SurfaceObserver};
 pub use rig::{
     CameraAgreement, CameraClip, ClockCheck, Fusion, Misfit, RigClip, RigConfig, RigDoubt,
     RigFrame, RigOutcome, combine, run_rig, run_rig_sources,

@@ -1,16 +1,127 @@
-//! Keeps what a clip shows of a ball's surface.
+//! Clips of a painted ball: what the frames show of its surface, and the poses by which they all show the same.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::balls::BallEstimate;
-use super::batch::BatchObserver;
+use super::batch::{Batch, BatchFrame, BatchObserver};
 use super::config::BatchConfig;
 use crate::error::{Error, Result};
-use crate::geometry::spiral_directions;
+use crate::geometry::{CameraFrame, spiral_directions, turned_covariance};
 use crate::image::RgbImage;
 use crate::pattern::Pattern;
-use crate::surface::PaintedFrame;
+use crate::spin::orientations::{OrientationRow, Orientations};
+use crate::surface::{
+    PaintedFrame, PaintedPose, PaintedPoses, PaintedRejection, PaintedTracker, SurfaceMap,
+};
 use crate::vision::Budget;
+use crate::vision::frame::config::{CameraModel, OutlineMethod};
+use crate::vision::outline::circle::CircleConfig;
+use crate::vision::outline::find::OutlineFinder;
+
+/// What light, outline and surface err alike wherever a painted ball shows the same side, as the residual of dots that would err as much
+/// ([`SharedError::of_residuals`](crate::spin::shared::SharedError::of_residuals)), radians: a third of a degree about an axis. A spin's deviations
+/// count it; without it they are a tenth of its errors, and a third of even spins pass for pushed ones (`docs/measurements/painted.md`).
+const RESIDUAL: f64 = 0.018;
+
+/// Estimates the frames of a painted ball: their outlines by [`run`](super::run::run), then all of them on one surface.
+#[derive(Debug)]
+pub struct PaintedEstimator {
+    /// Finds the outlines.
+    pub finder: OutlineFinder,
+    tracker: PaintedTracker,
+}
+
+impl PaintedEstimator {
+    /// For a ball of this radius, m, seen by such a camera.
+    ///
+    /// # Errors
+    /// Those of [`OutlineFinder::new`].
+    pub fn new(camera: &CameraModel, method: OutlineMethod, ball_radius_m: f64) -> Result<Self> {
+        let finder = OutlineFinder::new(CircleConfig::default(), method, camera)?;
+        Ok(Self {
+            finder: finder.with_ball_radius_m(ball_radius_m),
+            tracker: PaintedTracker::new(camera),
+        })
+    }
+
+    /// The poses of a clip's frames, of each of which `take` gives what a [`SurfaceObserver`] has kept: on `surface`, which an earlier clip
+    /// has made, or relative to the first of them, on the surface that they show.
+    pub fn lay_out<K>(
+        &self,
+        mut batch: Batch<K>,
+        take: impl Fn(&mut K) -> PaintedFrame,
+        surface: Option<&SurfaceMap>,
+    ) -> PaintedClip<K> {
+        let kept = batch.frames.iter_mut();
+        let frames: Vec<PaintedFrame> = kept.map(|frame| take(&mut frame.kept)).collect();
+        let diameters = frames.iter().filter_map(PaintedFrame::diameter_px);
+        let diameter_px = crate::stats::median(&mut diameters.collect::<Vec<_>>());
+        let (poses, made) = match surface {
+            Some(surface) => (self.tracker.place(&frames, surface), None),
+            None => {
+                let track = self.tracker.track(&frames);
+                (track.poses, Some(track.surface))
+            }
+        };
+        PaintedClip {
+            batch,
+            poses,
+            made,
+            diameter_px,
+        }
+    }
+}
+
+/// A clip of a painted ball.
+#[derive(Debug)]
+pub struct PaintedClip<K> {
+    /// Its frames, with outlines.
+    pub batch: Batch<K>,
+    /// Their poses, each or why there is none.
+    pub poses: PaintedPoses,
+    /// The surface that they show, where none was given.
+    pub made: Option<SurfaceMap>,
+    /// The ball's diameter in the picture, the median; NaN where no frame shows it.
+    pub diameter_px: f64,
+}
+
+impl<K> PaintedClip<K> {
+    /// Number of frames with a pose.
+    pub fn posed(&self) -> usize {
+        self.poses.iter().flatten().count()
+    }
+
+    /// Whether the poses say anything: that of the frame by which a surface begins, alone, does not.
+    pub fn is_answered(&self) -> bool {
+        self.posed() > usize::from(self.made.is_some())
+    }
+
+    /// The row of each frame, in these axes. It has no confidence: how often a pose is right depends on how far its clip has drifted,
+    /// which the frame does not know.
+    pub fn orientations(&self, axes: CameraFrame) -> Orientations {
+        let turn = axes.turn();
+        let row = |(frame, pose): (
+            &BatchFrame<K>,
+            &std::result::Result<PaintedPose, PaintedRejection>,
+        )| {
+            let pose = pose.as_ref().ok();
+            OrientationRow {
+                frame: frame.name.clone(),
+                time_s: frame.time_s.unwrap_or(f64::NAN),
+                orientation: pose.map(|p| turn * p.rotation),
+                covariance: pose.map(|p| turned_covariance(&turn, &p.covariance)),
+                residual_rad: pose.map(|_| RESIDUAL),
+                position: frame.estimate().position().map(|p| p.turned(&turn)),
+                ..OrientationRow::default()
+            }
+        };
+        Orientations {
+            rows: self.batch.frames.iter().zip(&self.poses).map(row).collect(),
+            camera_frame: Some(axes),
+            ..Orientations::default()
+        }
+    }
+}
 
 /// What is kept of a clip's frames takes no more, bytes; as much again is made of it.
 const MOST_BYTES: usize = 2 << 30;

@@ -21,6 +21,9 @@ import numpy as np
 from clips import DIRECTIONS, KINDS, ROWS, Array, Rng, Scene, color, random_unit, soft, spot, turn, wilson
 
 FRAMES = 24
+FPS = 60
+# Chi squared of 3 degrees of freedom, 95 %.
+CHI2_95 = 7.815
 # Sets that share a style and, of other balls, the balls, each in another order, light and pose.
 PER_STYLE = 8
 WRONG_DEG = 10
@@ -116,12 +119,38 @@ def wrong(frames: list[dict[str, object]], poses: list[list[list[float]]]) -> in
     return sum(math.degrees(math.acos(max(-1, min(1, c)))) > WRONG_DEG for c in off)
 
 
+def spin(report: dict[str, dict[str, object]], poses: list[list[list[float]]]) -> dict[str, object] | None:
+    """How far the spin of a ball that turns evenly is off, and its chi2: by the turns from frame to frame, in the view frame."""
+    found = report.get("spin")
+    if not found or not found.get("covariance_rad2_s2"):
+        return None
+    step = np.array(poses[1]) @ np.array(poses[0]).T
+    angle = math.acos(max(-1, min(1, (np.trace(step) - 1) / 2)))
+    axis = np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]) / (2 * math.sin(angle))
+    true = axis * angle * FPS
+    off = np.array(found["spin_rad_s"]) - true
+    chi2 = float(off @ np.linalg.solve(np.array(found["covariance_rad2_s2"]), off))
+    return {"motion": found.get("motion", "constant"), "off": float(np.linalg.norm(off) / np.linalg.norm(true)), "chi2": chi2}
+
+
+def print_spins(answers: list[dict[str, object]]) -> None:
+    """Of the balls that turn evenly and are followed rightly."""
+    some = [a["turns"] for a in answers if a["turns"] and not a["wrong"]]
+    if not some:
+        return
+    constant = sum(s["motion"] == "constant" for s in some)
+    within = sum(s["chi2"] < CHI2_95 for s in some)
+    off, chi2 = (float(np.median([s[name] for s in some])) for name in ("off", "chi2"))
+    print("\n| even spins | constant | within the 95 % region | error, median | chi2 of 3, median (2.4) |\n|---|---|---|---|---|")
+    print(f"| {len(some)} | {wilson(constant, len(some))} | {wilson(within, len(some))} | {100 * off:.2f} % | {chi2:.1f} |")
+
+
 def judge(folders: list[Path], spindoe: str, to: Path | None) -> None:
     answers = []
     for said in sorted(f for folder in folders for f in folder.glob("*.json")):
         about = json.loads(said.read_text())
         clip = said.with_suffix("")
-        run = [spindoe, "estimate", "--painted", str(clip), "--fps", "60", "--json"]
+        run = [spindoe, "estimate", "--painted", str(clip), "--fps", str(FPS), "--json"]
         done = subprocess.run(run, capture_output=True, text=True, check=False)
         report = json.loads(done.stdout) if done.stdout.strip() else {}
         frames = report.get("frames", [])
@@ -132,6 +161,7 @@ def judge(folders: list[Path], spindoe: str, to: Path | None) -> None:
             "answered": sum(f.get("orientation_wxyz") is not None for f in frames),
             "wrong": wrong(frames, poses) if poses else 0,
             "spin": report.get("spin_refusal") is None and bool(report),
+            "turns": spin(report, poses) if poses and about["motion"] == "even" else None,
             "said": done.stderr[-2000:],
         })  # fmt: skip
         if to:
@@ -146,6 +176,7 @@ def judge(folders: list[Path], spindoe: str, to: Path | None) -> None:
             f"| {moved} | {len(some)} | {wilson(beyond, len(some))} | {wilson(spins, len(some))} "
             f"| {wilson(answered, FRAMES * len(some))} | {wilson(sum(a['wrong'] for a in some), answered)} |"
         )
+    print_spins(answers)
 
 
 def main() -> None:

@@ -87,7 +87,7 @@ pub struct Arguments {
         long,
         value_parser = one_of(&MotionModel::ALL, MotionModel::as_str),
         default_value_t,
-        conflicts_with_all = [SEVERAL[0], SEVERAL[1], "no_sequence"]
+        conflicts_with_all = [SEVERAL[1], "no_sequence"]
     )]
     pub(super) motion: MotionModel,
     /// Exposure of a frame, milliseconds: to within a tenth. How far dots are smeared then settles how many whole turns lie between
@@ -140,11 +140,10 @@ const ONE_CAMERA: [&str; 13] = [
 /// What is for several balls, or several images of one.
 const SEVERAL: [&str; 2] = ["balls", "strobe_ms"];
 /// What only balls with dots have.
-const DOTS_ONLY: [&str; 13] = [
+const DOTS_ONLY: [&str; 12] = [
     "balls",
     "strobe_ms",
     "calibrate",
-    "motion",
     "exposure_ms",
     "readout_ms",
     "no_sequence",

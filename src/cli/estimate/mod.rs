@@ -103,7 +103,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     let so = "every frame is estimated independently";
     inputs::say_not_increasing(&batch, &arguments.images, so);
     if several.is_some() {
-        let report = balls::Report::new(asked, &batch, strobe.as_ref())?;
+        let report = balls::Report::new(asked, &batch, strobe.as_ref(), arguments.motion)?;
         #[cfg(feature = "plot")]
         if let Some(target) = overlay {
             let frame = |k: usize| report.drawn(k, &estimators);

@@ -5,21 +5,14 @@ use std::collections::BTreeMap;
 use serde_json::{Value, json};
 
 use super::verdict::VerdictWords;
-use super::written::{ClipRows, Row, ball_json, say_times};
+use super::written::{
+    ClipRows, FoundSpin, Row, add_spin, ball_json, found_spin, say_times, spin_words,
+};
 use super::{Arguments, Asked, Picture};
-use crate::cli::motion::Motion;
-use crate::cli::spin_summary;
 use crate::clip::{Batch, BatchFrame, SequenceEvidence, SequenceOutcome};
 use crate::files::csv::shown;
 use crate::geometry::CameraFrame;
-use crate::spin::SpinRejection;
-use crate::spin::alias::AliasConfig;
-#[cfg(feature = "plot")]
-use crate::spin::estimate::FittedMotion;
-use crate::spin::estimate::SpinEstimate;
 use crate::spin::orientations::{OrientationRow, Orientations};
-use crate::spin::robust::SpinConfig;
-use crate::spin::summary::SpinSummary;
 use crate::vision::frame::outline::OutlineSource;
 use crate::vision::{FrameEstimate, FrameRejection, OffCenter};
 
@@ -36,7 +29,7 @@ pub(super) struct Report<'a> {
     rows: ClipRows<'a, Picture>,
     verdict: VerdictWords<'a>,
     /// Where the frames have times.
-    spin: Option<Result<(SpinSummary, Motion), SpinRejection>>,
+    spin: Option<FoundSpin>,
     /// The smears that were weighed.
     smeared: Option<Smeared>,
 }
@@ -75,50 +68,6 @@ fn rows<'a>(
         frames: batch.frames.iter().zip(file.rows).map(row).collect(),
         columns: file.columns,
     }
-}
-
-/// The spin, from the very orientations that are written: without other evidence `spindoe spin` on the file gives the same.
-fn spin(
-    arguments: &Arguments,
-    batch: &Batch<Picture>,
-    orientations: &Orientations,
-    evidence: &SequenceEvidence<'_>,
-) -> Option<Result<(SpinSummary, Motion), SpinRejection>> {
-    if !batch.is_sequence() {
-        return None;
-    }
-    let config = orientations.spin_config(SpinConfig {
-        max_rps: arguments.asked.max_rps(),
-        times: batch.times.origin(),
-        ..SpinConfig::default()
-    });
-    let listed = AliasConfig {
-        max_rps: arguments.asked.max_rps(),
-        sigma_rad: config.sigma_rad,
-        ..AliasConfig::default()
-    };
-    let measurements = orientations.measurements();
-    let frames = batch.frames.len();
-    let together = evidence.together();
-    let estimate = match &together {
-        Some(all) => SpinEstimate::fit_with(&measurements, arguments.motion, &config, all),
-        None => SpinEstimate::fit(&measurements, arguments.motion, &config),
-    };
-    let found = |estimate| {
-        let (summary, motion) = Motion::new(
-            estimate,
-            arguments.motion,
-            &measurements,
-            None,
-            &listed,
-            frames,
-        );
-        match &together {
-            Some(all) => (summary.weighed(all, &listed), motion),
-            None => (summary, motion),
-        }
-    };
-    Some(estimate.map(found))
 }
 
 /// The outcome of a frame, in words.
@@ -165,7 +114,10 @@ impl<'a> Report<'a> {
         evidence: &SequenceEvidence<'_>,
         file: Orientations,
     ) -> Self {
-        let spin = spin(arguments, batch, &file, evidence);
+        let spin = batch.is_sequence().then(|| {
+            let file = (&file, &batch.times);
+            found_spin(&arguments.asked, file, arguments.motion, evidence)
+        });
         let rows = rows(&arguments.asked, frame, batch, file);
         let found = spin.as_ref().and_then(|spin| spin.as_ref().ok());
         let smeared = evidence.smears.map(|smears| Smeared {
@@ -181,19 +133,10 @@ impl<'a> Report<'a> {
         }
     }
 
-    /// The spin and its motion where the frames have times, by the crate's axes.
+    /// The spin and its motion where the frames have times.
     #[cfg(feature = "plot")]
-    pub fn spin(&self) -> Option<Result<(SpinSummary, FittedMotion), SpinRejection>> {
-        let turned = |(summary, motion): &(SpinSummary, Motion)| {
-            let summary = summary.clone().turned(&self.rows.axes.turn());
-            let motion = match motion.estimate.motion.clone() {
-                FittedMotion::Free(fit) => FittedMotion::Free(fit.turned(&self.rows.axes.turn())),
-                other => other,
-            };
-            (summary, motion)
-        };
-        let spin = self.spin.as_ref()?;
-        Some(spin.as_ref().map(turned).map_err(|rejection| *rejection))
+    pub fn spin(&self) -> Option<&FoundSpin> {
+        self.spin.as_ref()
     }
 
     /// The rows.
@@ -204,23 +147,18 @@ impl<'a> Report<'a> {
     pub fn to_json(&self) -> Value {
         let mut json = self.rows.to_json();
         json["detector"] = json!(self.arguments.asked.source.detector);
-        match &self.spin {
-            Some(Ok((summary, motion))) => {
-                json["spin"] = spin_summary::to_json(summary, self.rows.axes);
-                motion.add_to(&mut json["spin"]);
-                if let Some(ms) = self.arguments.readout_ms {
-                    json["spin"]["readout_ms"] = ms.into();
-                }
-                if let Some(ms) = self.arguments.exposure_ms {
-                    json["spin"]["smears"] = json!({
-                        "exposure_ms": ms,
-                        "frames": self.smeared.map_or(0, |s| s.frames),
-                        "length_factor": self.smeared.and_then(|s| s.factor),
-                    });
-                }
+        add_spin(self.spin.as_ref(), self.rows.axes, &mut json);
+        if let Some(Ok(_)) = self.spin {
+            if let Some(ms) = self.arguments.readout_ms {
+                json["spin"]["readout_ms"] = ms.into();
             }
-            Some(Err(rejection)) => json["spin_refusal"] = rejection.to_string().into(),
-            None => {}
+            if let Some(ms) = self.arguments.exposure_ms {
+                json["spin"]["smears"] = json!({
+                    "exposure_ms": ms,
+                    "frames": self.smeared.map_or(0, |s| s.frames),
+                    "length_factor": self.smeared.and_then(|s| s.factor),
+                });
+            }
         }
         json
     }
@@ -311,18 +249,15 @@ impl<'a> Report<'a> {
         if let Some(words) = self.off_center_words() {
             errln!("{words}");
         }
-        match &self.spin {
-            Some(Ok((summary, motion))) => {
-                let mut lines = spin_summary::lines(summary, self.rows.axes);
-                lines.extend(motion.lines());
-                lines.extend(self.arguments.readout_ms.map(|ms| {
-                    format!("  rows      {ms} ms of readout: times and poses are those of the ball's center, and the rows weigh the spins")
-                }));
-                lines.extend(self.smear_words());
-                errln!("spin: {}", lines.join("\n"));
-            }
-            Some(Err(rejection)) => errln!("spin: {rejection}"),
-            None => {}
+        if let Some(words) = spin_words(self.spin.as_ref(), self.rows.axes) {
+            errln!("spin: {words}");
+        }
+        if let Some(Ok(_)) = self.spin {
+            let rows = self.arguments.readout_ms.map(|ms| {
+                format!("  rows      {ms} ms of readout: times and poses are those of the ball's center, and the rows weigh the spins")
+            });
+            let more = rows.into_iter().chain(self.smear_words());
+            more.for_each(|words| errln!("{words}"));
         }
     }
 

@@ -4,21 +4,14 @@ use std::path::Path;
 
 use super::output::Report;
 use super::painted::{Drawing, Seen};
-use super::written::{ClipRows, FoundSpin};
+use super::written::{ClipRows, FoundSpin, by_own_axes};
 use super::{Picture, balls, overlay};
 use crate::clip::{Batch, NamedFrame};
 use crate::error::Result;
 use crate::files;
-use crate::geometry::CameraFrame;
 use crate::plot::frame_thumbnail;
 use crate::report::page::{Carried, EstimatePage, ShownBall};
-use crate::spin::SpinRejection;
-use crate::spin::estimate::FittedMotion;
-use crate::spin::summary::SpinSummary;
 use crate::vision::Estimator;
-
-/// A spin and its motion, or why there is none.
-type Spin = std::result::Result<(SpinSummary, FittedMotion), SpinRejection>;
 
 /// Writes the page of one ball, with the spin that is reported of it.
 pub(super) fn write(
@@ -32,7 +25,9 @@ pub(super) fn write(
         number: None,
         frames: batch.named(),
         orientations: report.rows().orientations(),
-        spin: report.spin(),
+        spin: report
+            .spin()
+            .map(|spin| by_own_axes(spin, report.rows().axes)),
         sequence: &batch.sequence,
     };
     let page = EstimatePage::new(&[ball], |_, at| {
@@ -60,7 +55,7 @@ pub(super) fn write_balls(
             .map(|(_, named)| *named)
             .collect::<Vec<NamedFrame<'_>>>(),
         orientations: ball.orientations.clone(),
-        spin: ball.spin.map(|spin| constant(spin, report.axes())),
+        spin: ball.spin.map(|spin| by_own_axes(spin, report.axes())),
         sequence: &batch.sequence,
     });
     let shown: Vec<ShownBall<'_>> = shown.collect();
@@ -89,7 +84,7 @@ pub(super) fn write_painted(
         number: None,
         frames: batch.named(),
         orientations: rows.orientations(),
-        spin: spin.map(|spin| constant(spin, rows.axes)),
+        spin: spin.map(|spin| by_own_axes(spin, rows.axes)),
         sequence: &batch.sequence,
     };
     let page = EstimatePage::new(&[ball], |_, at| {
@@ -104,12 +99,4 @@ pub(super) fn write_painted(
         shown.kept.picture.as_ref().map(|_| drawn()).transpose()
     })?;
     files::write_bytes(path, page.html()?.as_bytes())
-}
-
-/// A ball's constant spin by the crate's axes.
-fn constant(spin: &std::result::Result<SpinSummary, SpinRejection>, axes: CameraFrame) -> Spin {
-    let summary = spin.as_ref().map_err(|rejection| *rejection)?;
-    let summary = summary.clone().turned(&axes.turn());
-    let motion = FittedMotion::Constant(summary.fit);
-    Ok((summary, motion))
 }

@@ -9,25 +9,24 @@ use serde_json::{Value, json};
 use super::overlay;
 #[cfg(feature = "plot")]
 use super::page;
-use super::written::{ClipRows, FoundSpin, Row, add_orientation, add_spin, say_times, spin_words};
+use super::written::{
+    ClipRows, FoundSpin, Row, add_orientation, add_spin, found_spin, say_times, spin_words,
+};
 use super::{Arguments, Picture, Pictures};
 use crate::ball::USUAL_BALL_MM;
 use crate::cli::inputs::{self, Counting};
-use crate::cli::spin_summary;
-use crate::clip::{self, BallEstimate, Batch, BatchFrame, BatchObserver, SurfaceObserver};
+use crate::clip::{
+    self, BallEstimate, BatchObserver, PaintedClip, PaintedEstimator, SequenceEvidence,
+    SurfaceObserver,
+};
 use crate::error::{Error, Result};
 use crate::files;
+use crate::geometry::CameraFrame;
 #[cfg(feature = "plot")]
 use crate::geometry::Vec3;
-use crate::geometry::{CameraFrame, turned_covariance};
 use crate::image::RgbImage;
-use crate::spin::orientations::{BallColumns, OrientationRow};
-use crate::spin::robust::SpinConfig;
-use crate::surface::{
-    PaintedFrame, PaintedPose, PaintedPoses, PaintedRejection, PaintedTracker, SurfaceMap,
-};
-use crate::vision::outline::circle::CircleConfig;
-use crate::vision::outline::find::OutlineFinder;
+use crate::spin::orientations::OrientationRow;
+use crate::surface::{PaintedFrame, PaintedPose, PaintedPoses, PaintedRejection, SurfaceMap};
 
 /// Radius of a ball of which nothing is said, m.
 const USUAL_RADIUS_M: f64 = 0.5e-3 * USUAL_BALL_MM;
@@ -39,8 +38,8 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result
     arguments.check_numbers()?;
     let asked = &arguments.asked;
     let camera = asked.camera()?;
-    let finder = OutlineFinder::new(CircleConfig::default(), asked.source.outline, &camera)?;
-    let finder = finder.with_ball_radius_m(asked.ball_radius_m()?.unwrap_or(USUAL_RADIUS_M));
+    let radius_m = asked.ball_radius_m()?.unwrap_or(USUAL_RADIUS_M);
+    let estimator = PaintedEstimator::new(&camera, asked.source.outline, radius_m)?;
     let config = arguments.batch()?;
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
@@ -58,46 +57,35 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result
         },
     };
     let shown = Counting::new(&arguments.images, seeing);
-    let tracker = PaintedTracker::new(&asked.source.camera()?);
-    let mut batch = clip::run(&finder, &arguments.images, &config, &shown)?;
+    let batch = clip::run(&estimator.finder, &arguments.images, &config, &shown)?;
     shown.finish();
     inputs::say(&batch, &config)?;
     inputs::say_not_increasing(&batch, &arguments.images, "no spin");
-    let kept = batch.frames.iter_mut();
-    let frames: Vec<PaintedFrame> = kept.map(|f| std::mem::take(&mut f.kept.paint)).collect();
-    say_small(&frames);
-    let (poses, made) = match surface {
-        Some(surface) => (tracker.place(&frames, surface), None),
-        None => {
-            let track = tracker.track(&frames);
-            (track.poses, Some(track.surface))
-        }
-    };
-    let posed = poses.iter().flatten().count();
-    // Alone, the first frame says nothing.
-    let is_answered = posed > usize::from(made.is_some());
-    let known = made.as_ref().map(SurfaceMap::known);
-    let report = Report::new(arguments, &batch, &poses, known)?;
+    let clip = estimator.lay_out(batch, |seen| std::mem::take(&mut seen.paint), surface);
+    say_small(clip.diameter_px);
+    let report = Report::new(arguments, &clip)?;
     // Rows that another program's format refuses leave nothing written.
     let rows = report.rows.text()?;
     #[cfg(feature = "plot")]
-    if let Some(shown) = surface.or(made.as_ref())
+    if let Some(shown) = surface.or(clip.made.as_ref())
         && arguments.wants_pictures()
     {
         let drawing = Drawing {
             surface: shown,
-            poses: &poses,
+            poses: &clip.poses,
             borders: shown.borders(),
         };
         report.draw(&drawing, overlay, arguments.report.as_deref())?;
     }
-    if let (Some(path), Some(surface), true) = (&arguments.write_surface, &made, is_answered) {
+    if let (Some(path), Some(surface), true) =
+        (&arguments.write_surface, &clip.made, clip.is_answered())
+    {
         surface.write_npz(path)?;
     }
     arguments.write(file, &rows, || report.to_json())?;
     report.say();
     asked.say_format()?;
-    match is_answered {
+    match clip.is_answered() {
         true => Ok(()),
         false => Err(Error::NoAnswer {
             path: inputs::named(&arguments.images),
@@ -148,15 +136,10 @@ pub(super) struct Drawing<'a> {
 }
 
 /// Warns of balls that show little of their paint.
-fn say_small(frames: &[PaintedFrame]) {
-    let mut diameters: Vec<f64> = frames
-        .iter()
-        .filter_map(PaintedFrame::diameter_px)
-        .collect();
-    let diameter = crate::stats::median(&mut diameters);
-    if diameter > 0.0 && diameter < SMALL_PX {
+fn say_small(diameter_px: f64) {
+    if diameter_px > 0.0 && diameter_px < SMALL_PX {
         errln!(
-            "note: the ball is {diameter:.0} pixels wide: below {SMALL_PX:.0} its paint is followed less well, and lost sooner"
+            "note: the ball is {diameter_px:.0} pixels wide: below {SMALL_PX:.0} its paint is followed less well, and lost sooner"
         );
     }
 }
@@ -171,29 +154,26 @@ struct Report<'a> {
 }
 
 impl<'a> Report<'a> {
-    fn new(
-        arguments: &'a Arguments,
-        batch: &'a Batch<Seen>,
-        poses: &PaintedPoses,
-        known: Option<f64>,
-    ) -> Result<Self> {
-        let asked = &arguments.asked;
+    fn new(arguments: &'a Arguments, clip: &'a PaintedClip<Seen>) -> Result<Self> {
+        let (asked, batch) = (&arguments.asked, &clip.batch);
         let axes = asked.frame()?;
-        let frames = batch.frames.iter().zip(poses);
-        let frames = frames.map(|(frame, pose)| vec![row(frame, pose, axes)]);
+        let file = clip.orientations(axes);
+        let frames = file.rows.into_iter().zip(&clip.poses);
         let rows = ClipRows {
             asked,
             axes,
             batch,
-            frames: frames.collect(),
-            columns: BallColumns::default(),
-        };
-        let config = SpinConfig {
-            times: batch.times.origin(),
-            ..asked.spin()
+            frames: frames
+                .map(|(row, pose)| vec![of_frame(row, pose, axes)])
+                .collect(),
+            columns: file.columns,
         };
         let timed = batch.times_s();
-        let spin = timed.map(|_| spin_summary::of_rows(&rows.orientations(), &config));
+        let spin = timed.map(|_| {
+            let (file, nothing) = (rows.orientations(), SequenceEvidence::default());
+            found_spin(asked, (&file, &batch.times), arguments.motion, &nothing)
+        });
+        let known = clip.made.as_ref().map(SurfaceMap::known);
         Ok(Self { rows, known, spin })
     }
 
@@ -239,29 +219,18 @@ impl<'a> Report<'a> {
     }
 }
 
-/// The row of a frame.
-fn row(
-    frame: &BatchFrame<Seen>,
+/// What is written of a frame.
+fn of_frame(
+    row: OrientationRow,
     pose: &std::result::Result<PaintedPose, PaintedRejection>,
     axes: CameraFrame,
 ) -> Row {
-    let turn = axes.turn();
-    let found = pose.as_ref().ok();
-    let row = OrientationRow {
-        frame: frame.name.clone(),
-        time_s: frame.time_s.unwrap_or(f64::NAN),
-        // How often a pose is right depends on how far its clip has drifted, which the frame does not know: no confidence.
-        orientation: found.map(|p| turn * p.rotation),
-        covariance: found.map(|p| turned_covariance(&turn, &p.covariance)),
-        position: frame.estimate().position().map(|p| p.turned(&turn)),
-        ..OrientationRow::default()
-    };
     let mut json = json!({});
     add_orientation(&row, axes, &mut json);
     let note = pose.as_ref().err().map(ToString::to_string);
-    match (found, &note) {
-        (Some(pose), _) => json["agreement"] = pose.agreement.into(),
-        (None, why) => json["refusal"] = why.as_deref().into(),
+    match (pose, &note) {
+        (Ok(pose), _) => json["agreement"] = pose.agreement.into(),
+        (Err(_), why) => json["refusal"] = why.as_deref().into(),
     }
     Row { row, json, note }
 }

@@ -5,18 +5,70 @@ use serde_json::{Value, json};
 
 use super::Asked;
 use super::verdict::VerdictWords;
+use crate::cli::motion::Motion;
 use crate::cli::{inputs, spin_summary};
-use crate::clip::{Batch, NamedFrame, orientations};
+use crate::clip::{Batch, NamedFrame, SequenceEvidence, TimeSource, orientations};
 use crate::files::csv::shown;
 use crate::geometry::{CameraFrame, to_wxyz};
 use crate::spin::SpinRejection;
+use crate::spin::alias::AliasConfig;
+#[cfg(feature = "plot")]
+use crate::spin::estimate::FittedMotion;
+use crate::spin::estimate::{MotionModel, SpinEstimate};
 use crate::spin::orientations::{BallColumns, OrientationRow, Orientations};
+use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::{FrameEstimate, Pose};
 
-/// The spin of a sequence, or why there is none.
-pub(super) type FoundSpin = Result<SpinSummary, SpinRejection>;
+/// The spin of a sequence and its motion, or why there is none.
+pub(super) type FoundSpin = Result<(SpinSummary, Motion), SpinRejection>;
+
+/// The spin, from the very orientations that are written: without other evidence `spindoe spin` on the file gives the same.
+pub(super) fn found_spin(
+    asked: &Asked,
+    (file, times): (&Orientations, &TimeSource),
+    model: MotionModel,
+    evidence: &SequenceEvidence<'_>,
+) -> FoundSpin {
+    let config = file.spin_config(SpinConfig {
+        times: times.origin(),
+        ..asked.spin()
+    });
+    let listed = AliasConfig {
+        max_rps: config.max_rps,
+        sigma_rad: config.sigma_rad,
+        ..AliasConfig::default()
+    };
+    let measurements = file.measurements();
+    let together = evidence.together();
+    let estimate = match &together {
+        Some(all) => SpinEstimate::fit_with(&measurements, model, &config, all),
+        None => SpinEstimate::fit(&measurements, model, &config),
+    };
+    let frames = file.rows.len();
+    let (summary, motion) = Motion::new(estimate?, model, &measurements, None, &listed, frames);
+    let summary = match &together {
+        Some(all) => summary.weighed(all, &listed),
+        None => summary,
+    };
+    Ok((summary, motion))
+}
+
+/// A spin and its motion by the crate's axes, as pages show them.
+#[cfg(feature = "plot")]
+pub(super) fn by_own_axes(
+    spin: &FoundSpin,
+    axes: CameraFrame,
+) -> Result<(SpinSummary, FittedMotion), SpinRejection> {
+    let (summary, motion) = spin.as_ref().map_err(|rejection| *rejection)?;
+    let turn = axes.turn();
+    let motion = match motion.estimate.motion.clone() {
+        FittedMotion::Free(fit) => FittedMotion::Free(fit.turned(&turn)),
+        other => other,
+    };
+    Ok((summary.clone().turned(&turn), motion))
+}
 
 /// The row of a frame that stands for itself.
 pub(in crate::cli) fn own_row(named: NamedFrame<'_>, axes: CameraFrame) -> OrientationRow {
@@ -195,7 +247,10 @@ impl<K> ClipRows<'_, K> {
 /// Adds the spin, or why there is none; nothing where there are no times.
 pub(super) fn add_spin(spin: Option<&FoundSpin>, axes: CameraFrame, json: &mut Value) {
     match spin {
-        Some(Ok(summary)) => json["spin"] = spin_summary::to_json(summary, axes),
+        Some(Ok((summary, motion))) => {
+            json["spin"] = spin_summary::to_json(summary, axes);
+            motion.add_to(&mut json["spin"]);
+        }
         Some(Err(rejection)) => json["spin_refusal"] = rejection.to_string().into(),
         None => {}
     }
@@ -204,7 +259,11 @@ pub(super) fn add_spin(spin: Option<&FoundSpin>, axes: CameraFrame, json: &mut V
 /// The spin in words.
 pub(super) fn spin_words(spin: Option<&FoundSpin>, axes: CameraFrame) -> Option<String> {
     spin.map(|spin| match spin {
-        Ok(summary) => spin_summary::lines(summary, axes).join("\n"),
+        Ok((summary, motion)) => {
+            let mut lines = spin_summary::lines(summary, axes);
+            lines.extend(motion.lines());
+            lines.join("\n")
+        }
         Err(rejection) => rejection.to_string(),
     })
 }

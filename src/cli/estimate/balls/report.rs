@@ -7,23 +7,25 @@ use crate::cli::estimate::format::Format;
 use crate::cli::estimate::overlay;
 use crate::cli::estimate::verdict::VerdictWords;
 use crate::cli::estimate::written::{
-    ClipRows, FoundSpin, Row, add_spin, ball_json, circle_json, own_row, say_times, spin_words,
+    ClipRows, FoundSpin, Row, add_spin, ball_json, circle_json, found_spin, own_row, say_times,
+    spin_words,
 };
 use crate::cli::estimate::{Asked, Picture};
 use crate::cli::spin_summary;
 use crate::clip::orientations;
 use crate::clip::{
-    BallEstimate, Batch, BatchFrame, NamedFrame, SequenceOutcome, Strobe, StrobeHypothesis,
+    BallEstimate, Batch, BatchFrame, NamedFrame, SequenceEvidence, SequenceOutcome, Strobe,
+    StrobeHypothesis,
 };
 use crate::error::Result;
 use crate::files::csv::shown;
 use crate::geometry::CameraFrame;
 #[cfg(feature = "plot")]
 use crate::plot::OverlayFrame;
+use crate::spin::estimate::MotionModel;
 #[cfg(feature = "plot")]
 use crate::spin::orientations::Orientations;
 use crate::spin::orientations::{BallColumns, OrientationRow};
-use crate::spin::robust::SpinConfig;
 
 #[cfg(feature = "plot")]
 use crate::vision::Estimator;
@@ -124,6 +126,7 @@ impl<'a> Report<'a> {
         asked: &'a Asked,
         batch: &'a Batch<Picture>,
         strobe: Option<&Strobe>,
+        motion: MotionModel,
     ) -> Result<Self> {
         let mut this = Self {
             rows: ClipRows {
@@ -146,12 +149,7 @@ impl<'a> Report<'a> {
             (_, Some(strobe)) => this.read_strobes(strobe),
             (SequenceOutcome::Numbered(numbered), None) => {
                 this.numbers.clone_from(&numbered.numbers);
-                let spin = SpinConfig {
-                    max_rps: asked.max_rps(),
-                    times: batch.times.origin(),
-                    ..SpinConfig::default()
-                };
-                this.add_rows(Some(&spin));
+                this.add_rows(Some(motion));
                 for (number, (table, share)) in numbered.tables.iter().enumerate() {
                     this.followed[number].table = *table;
                     this.followed[number].table_probability = *share;
@@ -166,8 +164,8 @@ impl<'a> Report<'a> {
         Ok(this)
     }
 
-    /// The rows of numbered balls; of a sequence, whose spins are by `spin`, each ball's orientations are in one frame.
-    fn add_rows(&mut self, spin: Option<&SpinConfig>) {
+    /// The rows of numbered balls; of a sequence, whose balls move by `motion`, each ball's orientations are in one frame.
+    fn add_rows(&mut self, motion: Option<MotionModel>) {
         let ClipRows {
             asked, axes, batch, ..
         } = self.rows;
@@ -191,14 +189,15 @@ impl<'a> Report<'a> {
                 estimate: &ball.frame,
             });
             let named: Vec<NamedFrame<'_>> = named.collect();
-            let file = orientations(&named, axes, spin.is_some() && number.is_some());
-            if let (Some(spin), Some(_)) = (spin, number) {
+            let file = orientations(&named, axes, motion.is_some() && number.is_some());
+            if let (Some(motion), Some(_)) = (motion, number) {
+                let (timed, nothing) = ((&file, &batch.times), SequenceEvidence::default());
                 self.followed.push(Followed {
                     table: 0,
                     table_probability: 1.0,
                     frames: file.rows.len(),
                     identified: file.rows.iter().filter(|r| r.orientation.is_some()).count(),
-                    spin: spin_summary::of_rows(&file, spin),
+                    spin: found_spin(asked, timed, motion, &nothing),
                 });
             }
             for ((k, ball), row) in places.into_iter().zip(file.rows) {
