@@ -87,6 +87,8 @@ class PaintedSequence:
     """Correlation of what each frame shows with the surface; shape (frames,)."""
     residuals_rad: Floats
     """What light, outline and surface err alike in frames that show the same side, radians, as `fit_spin` takes residuals; shape (frames,)."""
+    view_turns_rad: Floats | None
+    """How far the clip may have drifted by each frame, as `fit_spin` takes it; shape (frames, 12); None where there are no times."""
     reasons: list[str | None]
     """Why a frame has no orientation; None where it has one."""
     circles: Floats
@@ -111,7 +113,7 @@ class PaintedSequence:
         library = optional("pandas", "pandas")
         found = FrameColumns(
             self.times_s, self.quaternions_wxyz, self.covariances_rad2, self.frame, self.positions_m, self.position_covariances_m2,
-            self.circles, {"residual_rad": self.residuals_rad},
+            self.circles, {"residual_rad": self.residuals_rad}, self.view_turns_rad,
         )
         columns, units = frame_columns(found)
         columns["agreement"] = self.agreements
@@ -212,7 +214,7 @@ class PaintedEstimator:
             if bar is not None:
                 bar.close()
         rows, agreements, residuals, reasons, circles, positions, blocks, made, spin, times, answered, diameter_px = found
-        quaternions, covariances, _, frame = rows
+        quaternions, covariances, turns, frame = rows
         if known is None:
             assert made is not None
             known = Surface._of(made)
@@ -222,6 +224,7 @@ class PaintedEstimator:
             frame,
             agreements,
             residuals,
+            turns,
             reasons,
             circles,
             positions,

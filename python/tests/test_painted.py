@@ -66,7 +66,8 @@ def test_it_is_what_the_command_finds(clip, found):
     assert found.spin.model == theirs["spin"]["motion"]
     assert theirs["spin"]["rps"] == pytest.approx(RPS, rel=0.05)
     # Fitted anew it is the same.
-    more = {"covariances_rad2": found.covariances_rad2, "residuals_rad": found.residuals_rad, "frame": found.frame}
+    more = {"covariances_rad2": found.covariances_rad2, "residuals_rad": found.residuals_rad, "frame": found.frame,
+            "view_turns_rad": found.view_turns_rad}
     again = spindoe.fit_spin(times, found.quaternions_wxyz, **more)
     np.testing.assert_allclose(again.spin_rad_s, found.spin.spin_rad_s, rtol=1e-9)
     np.testing.assert_allclose(again.covariance, found.spin.covariance, rtol=1e-6)
@@ -103,7 +104,7 @@ def test_its_tables(command, clip, found, tmp_path):
     assert table.attrs["frame"] == found.frame and table.attrs["units"]["cov_xx"] == "rad^2"
     with (folder / "found.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert {name for name in rows[0] if name.startswith(("q", "cov_", "camera", "time"))} <= set(table.columns)
+    assert {name for name in rows[0] if name.startswith(("q", "cov_", "camera", "time", "turn_", "sd"))} <= set(table.columns)
     residuals = [float(row["residual_deg"] or "nan") for row in rows]
     np.testing.assert_allclose(np.deg2rad(residuals), table["residual_rad"], rtol=1e-3)
     np.testing.assert_allclose([float(row["qw"] or "nan") for row in rows], table["qw"], atol=1e-9)

@@ -30,7 +30,7 @@ mod mapper;
 mod order;
 mod search;
 mod surface_map;
-mod track;
+pub(crate) mod track;
 mod viewed;
 
 pub use chart::SurfaceChart;

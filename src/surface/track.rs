@@ -43,7 +43,7 @@ const ASKED: usize = 150;
 /// Standard deviation per axis that no number of pixels takes away, radians: light, outline and surface err alike in many of them.
 /// By it, 95 % of the squared errors over their covariances, a third each, are below 2.0 on treadmills, 3.1 in hands and 2.0 in flight, where
 /// 2.6 is expected (`bench painted --seed 35400003`, 8 clips each); most are far smaller.
-const SYSTEMATIC: f64 = 0.012;
+pub(crate) const SYSTEMATIC: f64 = 0.012;
 
 /// A frame on the surface.
 #[derive(Debug, Clone, Copy)]
