@@ -31,4 +31,4 @@ echo "$(basename "$wheel"): $bytes bytes"
 (cd "$here" && "$bin/mypy" --cache-dir "$venv/mypy" spindoe spindoe_compat spindoe_ros examples/*.py)
 # Not from the folder that holds the sources: what is tested is the wheel.
 cd "$venv"
-"$bin/pytest" -q -rs --durations=15 -p no:cacheprovider -c "$here/pyproject.toml" --rootdir "$here" "$here/tests"
+"$bin/pytest" -q -rs -n 2 --durations=15 -p no:cacheprovider -c "$here/pyproject.toml" --rootdir "$here" "$here/tests"
