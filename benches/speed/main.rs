@@ -1,4 +1,4 @@
-//! How fast everything is, in one table, some four minutes:
+//! How fast everything is, in one table, within two minutes after the build; then the scaling:
 //!
 //!     cargo bench                                   # all
 //!     cargo bench -- spin                           # what has `spin` in its name
