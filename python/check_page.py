@@ -324,7 +324,7 @@ def check(browser, path, shots, checks):
     checks.that(not complaints, f"no complaint in the console {complaints[:3]}")
     page.context.close()
     page, complaints = open_page(
-        browser, path, checks, viewport={"width": 390, "height": 844}, device_scale_factor=1, has_touch=True, is_mobile=True
+        browser, path, checks, viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True
     )
     wide = page.evaluate("() => document.documentElement.scrollWidth")
     checks.that(wide <= 390, f"nothing is wider than a phone of 390 px ({wide})")

@@ -156,7 +156,7 @@ class Balls:
             progress: As in `Estimator.estimate_sequence`.
         """
         frames, order = frames_of(images, color)
-        self.estimators[0]._check(frames)
+        self.estimators[0].camera._check_all(frames)
         times = [float(t) for t in floats("times_s", times_s)]
         asked = clip_asked(roi=roi, mirrored=mirrored, judge=judge, max_rps=max_rps)
         show, bar = progress_of(progress, len(frames), "frame")

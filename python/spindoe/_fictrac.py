@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from numpy.typing import ArrayLike
 
@@ -75,3 +75,32 @@ def fictrac(
         max_bad_frames,
     )
     return FicTracPath(tuple(names), values, text)
+
+
+class Followed(Protocol):
+    """What a clip of a ball has: times, orientations and their covariances, and their frame."""
+
+    @property
+    def times_s(self) -> Floats | None: ...
+    @property
+    def quaternions_wxyz(self) -> Floats: ...
+    @property
+    def covariances_rad2(self) -> Floats: ...
+    @property
+    def frame(self) -> Frame: ...
+
+
+def fictrac_of(
+    found: Followed, c2a_r: tuple[float, float, float] | None, max_bad_frames: int | None
+) -> FicTracPath:
+    """That of a clip.
+
+    Raises:
+        ValueError: Where the frames have no times.
+    """
+    if found.times_s is None:
+        raise ValueError("times_s: expected times of the frames, found none")
+    return fictrac(
+        found.times_s, found.quaternions_wxyz, covariances_rad2=found.covariances_rad2, frame=found.frame, c2a_r=c2a_r,
+        max_bad_frames=max_bad_frames,
+    )

@@ -7,6 +7,7 @@ import operator
 import os
 import sys
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -163,6 +164,15 @@ class Camera:
         fx, fy, cx, cy, skew, *lens = self.numbers
         cx, cy = across * (cx + 0.5) - 0.5, down * (cy + 0.5) - 0.5
         return Camera._of(self.kind, across * fx, down * fy, cx, cy, across * skew, *lens, size=wanted)
+
+    def _check_all(self, frames: Sequence[Any]) -> None:
+        """The same of the frames of a clip."""
+        known: set[tuple[int, ...]] = set()
+        for k, frame in enumerate(frames):
+            size = tuple(getattr(frame, "shape", ())[:2])
+            if size not in known:
+                self._check(f"images[{k}]", frame)
+                known.add(size)
 
     def _check(self, name: str, image: Any) -> None:
         """Refuses an image of another size than that of the intrinsics; without that, warns where their numbers look like those of

@@ -348,7 +348,6 @@ class PaintedEstimator:
         _Floats,
         Surface | None,
         _Spin | str | None,
-        list[float] | None,
         bool,
         float,
     ]: ...

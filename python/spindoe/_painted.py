@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._common import Floats, Frame, Progress, Rejection, clip_asked, optional, progress_of, write_whole
-from ._fictrac import FicTracPath, fictrac
+from ._common import Floats, Frame, Progress, Rejection, clip_asked, progress_of, write_whole
+from ._fictrac import FicTracPath, fictrac_of
 from ._frame import Camera
 from ._image import Color, Image, frames_of
 from ._pattern import PathLike
-from ._sequence import FrameColumns, frame_columns
+from ._sequence import FrameColumns, frame_table
 from ._spin import Spin, spin_of
-from ._vision import _of_matrix, _times
+from ._vision import _camera_of, _times
 
 if TYPE_CHECKING:
     import pandas
@@ -106,21 +106,16 @@ class PaintedSequence:
     answered: bool
     """Whether the orientations say anything. That of the first frame alone, where the surface begins, does not."""
     diameter_px: float
-    """The ball's diameter, pixels, the median; below 50 its paint is followed less well, and lost sooner."""
+    """The ball's diameter, pixels, the median, 0 where no frame shows it; below 50 its paint is followed less well, and lost sooner."""
 
     def to_dataframe(self) -> pandas.DataFrame:
         """A row a frame; ``attrs`` has the frame as ``frame``, and as ``units`` the unit of each column that has one. Needs pandas."""
-        library = optional("pandas", "pandas")
         found = FrameColumns(
             self.times_s, self.quaternions_wxyz, self.covariances_rad2, self.frame, self.positions_m, self.position_covariances_m2,
             self.circles, {"residual_rad": self.residuals_rad}, self.view_turns_rad,
         )
-        columns, units = frame_columns(found)
-        columns["agreement"] = self.agreements
-        columns["reason"] = ["" if reason is None else reason for reason in self.reasons]
-        table: pandas.DataFrame = library.DataFrame(columns, index=library.RangeIndex(len(self), name="frame"))
-        table.attrs = {"frame": self.frame, "units": units}
-        return table
+        reasons = ["" if reason is None else reason for reason in self.reasons]
+        return frame_table(found, {"agreement": self.agreements, "reason": reasons})
 
     def fictrac(
         self, *, c2a_r: tuple[float, float, float] | None = None, max_bad_frames: int | None = None
@@ -130,12 +125,7 @@ class PaintedSequence:
         Raises:
             ValueError: Where the frames have no times.
         """
-        if self.times_s is None:
-            raise ValueError("times_s: expected times of the frames, found none")
-        return fictrac(
-            self.times_s, self.quaternions_wxyz, covariances_rad2=self.covariances_rad2, frame=self.frame, c2a_r=c2a_r,
-            max_bad_frames=max_bad_frames,
-        )
+        return fictrac_of(self, c2a_r, max_bad_frames)
 
     def __len__(self) -> int:
         return len(self.reasons)
@@ -170,7 +160,7 @@ class PaintedEstimator:
     ) -> None:
         if not 0 < ball_radius_m < np.inf:
             raise ValueError(f"ball_radius_m: expected a positive number, found {ball_radius_m}")
-        self.camera = camera if isinstance(camera, Camera) else _of_matrix(camera)
+        self.camera = _camera_of(camera)
         self._arguments = (self.camera, float(ball_radius_m), outline)
         self._handle = _native.PaintedEstimator(self.camera._given(), outline, float(ball_radius_m))
 
@@ -201,19 +191,19 @@ class PaintedEstimator:
             progress: As in `Estimator.estimate_sequence`.
         """
         frames, order = frames_of(images, color)
-        for k, one in enumerate(frames):
-            self.camera._check(f"images[{k}]", one)
+        self.camera._check_all(frames)
+        times = _times(times_s)
         known = surface if surface is None or isinstance(surface, Surface) else Surface.load(surface)
         asked = clip_asked(circle=circle, roi=roi, mirrored=mirrored, judge=False, max_rps=max_rps)
         show, bar = progress_of(progress, len(frames), "frame")
         try:
             found = self._handle.estimate_sequence(
-                frames, order, _times(times_s), None if known is None else known._handle, asked, show
+                frames, order, times, None if known is None else known._handle, asked, show
             )
         finally:
             if bar is not None:
                 bar.close()
-        rows, agreements, residuals, reasons, circles, positions, blocks, made, spin, times, answered, diameter_px = found
+        rows, agreements, residuals, reasons, circles, positions, blocks, made, spin, answered, diameter_px = found
         quaternions, covariances, turns, frame = rows
         if known is None:
             assert made is not None

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from . import _html
 from ._common import Floats, Frame, Ints, Rejection, optional, write_whole
-from ._fictrac import FicTracPath, fictrac
+from ._fictrac import FicTracPath, fictrac_of
 from ._frame import FrameEstimate, Pose, frame_of
 from ._native import __version__
 from ._pattern import PathLike
@@ -159,7 +159,6 @@ class SequenceEstimate:
         Orientations, centers and covariances are in the frame that ``camera_frame`` names; outlines are pixels. ``attrs`` has that
         frame as ``frame``, and as ``units`` the unit of each column that has one.
         """
-        library = optional("pandas", "pandas")
         count = len(self.frames)
         found = FrameColumns(
             self.times_s,
@@ -177,16 +176,14 @@ class SequenceEstimate:
             },
             self.view_turns_rad,
         )
-        columns, units = frame_columns(found)
+        further: dict[str, Any] = {}
         if self.cameras is not None:
-            columns["cameras"] = self.cameras
+            further["cameras"] = self.cameras
         if self.chi2 is not None:
-            columns["chi2"] = self.chi2
-        columns["hinted"] = [bool(f.pose and f.pose.hinted) for f in self.frames]
-        columns["reason"] = ["" if f.pose else f.pose.reason for f in self.frames]
-        table: pandas.DataFrame = library.DataFrame(columns, index=library.RangeIndex(count, name="frame"))
-        table.attrs = {"frame": self.frame, "units": units}
-        return table
+            further["chi2"] = self.chi2
+        further["hinted"] = [bool(f.pose and f.pose.hinted) for f in self.frames]
+        further["reason"] = ["" if f.pose else f.pose.reason for f in self.frames]
+        return frame_table(found, further)
 
     def fictrac(
         self, *, c2a_r: tuple[float, float, float] | None = None, max_bad_frames: int | None = None
@@ -196,12 +193,7 @@ class SequenceEstimate:
         Raises:
             ValueError: Where the frames have no times.
         """
-        if self.times_s is None:
-            raise ValueError("times_s: expected times of the frames, found none")
-        return fictrac(
-            self.times_s, self.quaternions_wxyz, covariances_rad2=self.covariances_rad2, frame=self.frame, c2a_r=c2a_r,
-            max_bad_frames=max_bad_frames,
-        )
+        return fictrac_of(self, c2a_r, max_bad_frames)
 
     def plot(self, ax: matplotlib.axes.Axes | None = None, **style: Any) -> matplotlib.axes.Axes:
         """Draws the rotation about the spin's axis over time with the fit; see `spindoe.plot.sequence`."""
@@ -259,8 +251,9 @@ class FrameColumns:
     view_turns_rad: Floats | None = None
 
 
-def frame_columns(found: FrameColumns) -> tuple[dict[str, Any], dict[str, str]]:
-    """The columns of a table, and the units of those that have one."""
+def frame_table(found: FrameColumns, further: Mapping[str, Any]) -> pandas.DataFrame:
+    """A table, with the frame and the units of its columns; `further` columns come last."""
+    library = optional("pandas", "pandas")
     count = len(found.quaternions_wxyz)
     posed = ~np.isnan(found.quaternions_wxyz[:, 0])
     columns: dict[str, Any] = {
@@ -279,7 +272,10 @@ def frame_columns(found: FrameColumns) -> tuple[dict[str, Any], dict[str, str]]:
         names = [f"{vector}_{axis}" for vector in ("turn", "sd1", "sd2", "sd3") for axis in "xyz"]
         columns |= {name: found.view_turns_rad[:, k] for k, name in enumerate(names)}
     columns |= {name: found.circles[:, k] for k, name in enumerate(("u_px", "v_px", "radius_px"))}
-    return columns, {name: unit for name in columns if (unit := _unit(name))}
+    columns |= further
+    table: pandas.DataFrame = library.DataFrame(columns, index=library.RangeIndex(count, name="frame"))
+    table.attrs = {"frame": found.frame, "units": {name: unit for name in columns if (unit := _unit(name))}}
+    return table
 
 
 def _unit(column: str) -> str | None:

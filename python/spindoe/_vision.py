@@ -115,7 +115,7 @@ class Estimator:
         **settings: Unpack[EstimatorSettings],
     ) -> None:
         self.table = as_table(table)
-        self.camera = camera if isinstance(camera, Camera) else _of_matrix(camera)
+        self.camera = _camera_of(camera)
         self._arguments = (self.camera, detector, weights, settings)
         given = settings_json(settings)
         self._handle = _native.Estimator(
@@ -199,7 +199,7 @@ class Estimator:
             progress: True shows a bar (with `tqdm`); a function is called with (done, total).
         """
         frames, order = frames_of(images, color)
-        self._check(frames)
+        self.camera._check_all(frames)
         asked = clip_asked(
             circle=circle, roi=roi, mirrored=mirrored, independent=independent, judge=judge, readout_s=readout_s, max_rps=max_rps
         )
@@ -268,7 +268,7 @@ class Estimator:
         paths, frames, order = _clip(images, color)
         if paths and times_s is not None:
             raise ValueError("times_s: files have those of their names, their video, or fps")
-        self._check(frames)
+        self.camera._check_all(frames)
         times = _times(times_s)
         show, bar = progress_of(progress, len(frames), "frame")
         try:
@@ -310,15 +310,6 @@ class Estimator:
             max_latency_s=max_latency_s,
         )
 
-    def _check(self, frames: Sequence[Any]) -> None:
-        """Refuses frames of another size than the intrinsics are of."""
-        known: set[tuple[int, ...]] = set()
-        for k, frame in enumerate(frames):
-            size = tuple(getattr(frame, "shape", ())[:2])
-            if size not in known:
-                self.camera._check(f"images[{k}]", frame)
-                known.add(size)
-
     def __repr__(self) -> str:
         return f"<Estimator of {self.table.pattern!r}, {self.camera}>"
 
@@ -326,10 +317,12 @@ class Estimator:
         return _estimator, (self.table, *self._arguments)
 
 
-def _of_matrix(matrix: Any) -> Camera:
-    """The camera of an intrinsic matrix."""
+def _camera_of(given: Any) -> Camera:
+    """The camera, or that of an intrinsic matrix."""
+    if isinstance(given, Camera):
+        return given
     try:
-        return Camera(matrix)
+        return Camera(given)
     except (TypeError, ValueError) as error:
         raise ValueError(f"camera: expected a spindoe.Camera or a matrix of shape (3, 3): {error}") from None
 

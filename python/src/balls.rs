@@ -121,7 +121,7 @@ impl Balls {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<Vec<Vec<NumberedTuple<'py>>>> {
         let config = asked.config()?;
-        let clips = Clips::held(&[images], color, Some(&[times_s]), progress)?;
+        let clips = Clips::one(images, color, Some(times_s), progress)?;
         let inner = Arc::clone(&self.inner);
         let batch = clips.run(py, config, move |listed, config, listener| {
             clip::run_sources(&*inner, &listed[0], config, listener)

@@ -99,8 +99,8 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Hears of one frame more.
-    pub fn heard(&self) {
+    /// Counts one frame more.
+    pub fn count(&self) {
         let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
         // Frames that are read once more were reported.
         let is_due = done.is_multiple_of(FRAMES_AT_ONCE) || done == self.total;
@@ -127,7 +127,7 @@ impl BatchObserver for Listener {
     }
 
     fn progress(&self, _: &[BatchFrame<()>]) {
-        self.heard();
+        self.count();
     }
 }
 
@@ -176,6 +176,17 @@ impl Clips {
                 ..Listener::default()
             },
         })
+    }
+
+    /// Of one camera's arrays.
+    pub fn one(
+        images: Vec<Bound<'_, PyAny>>,
+        color: &str,
+        times_s: Option<Vec<f64>>,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Self> {
+        let times_s = times_s.map(|times| vec![times]);
+        Self::held(&[images], color, times_s.as_deref(), progress)
     }
 
     /// Of files.

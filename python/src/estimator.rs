@@ -363,8 +363,8 @@ impl Estimator {
     ) -> PyResult<SequenceTuple<'py>> {
         let config = asked.config()?;
         self.check_exposure(exposure_s)?;
-        let times_s = times_s.map(|times| vec![times]);
-        let clips = Clips::held(&[images], color, times_s.as_deref(), progress)?;
+        let is_timed = times_s.is_some();
+        let clips = Clips::one(images, color, times_s, progress)?;
         let tables = std::iter::once(self.library()).chain(others.iter().map(|one| one.library()));
         let tables: Vec<spindoe::Estimator> = tables.cloned().collect();
         let frame = self.frame();
@@ -384,7 +384,7 @@ impl Estimator {
             batch.independent(),
             spin::rows(py, &file),
             spin.transpose()?,
-            seen_s.filter(|_| times_s.is_some()),
+            seen_s.filter(|_| is_timed),
             verdict_tuple(&batch.judgment),
         ))
     }
@@ -435,8 +435,7 @@ impl Estimator {
             ..BatchConfig::default()
         };
         let clips = if paths.is_empty() {
-            let times_s = times_s.map(|times| vec![times]);
-            Clips::held(&[images], color, times_s.as_deref(), progress)?
+            Clips::one(images, color, times_s, progress)?
         } else {
             Clips::files(py.detach(|| list_sources(&paths)).or_raise()?)
         };
@@ -502,10 +501,7 @@ fn spin_of(
     };
     let together = evidence.together();
     let evidence = together.as_ref().map(|all| all as &dyn SpinEvidence);
-    let config = SpinConfig {
-        times: batch.times.origin(),
-        ..config.sequence.spin
-    };
+    let config = batch.times.of_spin(config.sequence.spin);
     let spin = Estimated::of_sequence(&file, config, evidence);
     (file, Some(spin))
 }

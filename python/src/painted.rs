@@ -7,13 +7,10 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use spindoe::clip::{
-    self, BallEstimate, BatchFrame, BatchObserver, PaintedClip, SurfaceObserver, TimeSource,
-};
+use spindoe::clip::{self, BallEstimate, BatchFrame, BatchObserver, PaintedClip, SurfaceObserver};
 use spindoe::geometry::CameraFrame;
 use spindoe::image::RgbImage;
 use spindoe::spin::orientations::Orientations;
-use spindoe::spin::robust::SpinConfig;
 use spindoe::surface::{PaintedFrame, SurfaceMap};
 use spindoe::vision::frame::OutlineMethod;
 
@@ -24,7 +21,7 @@ use crate::estimator::camera_model;
 use crate::spin::{self, Estimated, Found};
 
 /// Rows, agreements, residuals, why frames have no pose, circles, centers of the ball, their covariances, the surface where it was made, the spin where
-/// there are times, these times, whether anything is answered, the ball's diameter in pixels.
+/// there are times, whether anything is answered, the ball's diameter in pixels.
 type PaintedTuple<'py> = (
     spin::Rows<'py>,
     Bound<'py, PyArray1<f64>>,
@@ -35,7 +32,6 @@ type PaintedTuple<'py> = (
     Bound<'py, PyArray3<f64>>,
     Option<Surface>,
     Option<Answer<Found<'py>>>,
-    Option<Vec<f64>>,
     bool,
     f64,
 );
@@ -54,7 +50,7 @@ impl BatchObserver for Painting<'_> {
     }
 
     fn progress(&self, _: &[BatchFrame<PaintedFrame>]) {
-        self.listener.heard();
+        self.listener.count();
     }
 }
 
@@ -125,8 +121,7 @@ impl PaintedEstimator {
         progress: Option<Py<PyAny>>,
     ) -> PyResult<PaintedTuple<'py>> {
         let config = asked.config()?;
-        let times_s = times_s.map(|times| vec![times]);
-        let clips = Clips::held(&[images], color, times_s.as_deref(), progress)?;
+        let clips = Clips::one(images, color, times_s, progress)?;
         let (inner, axes) = (Arc::clone(&self.inner), self.axes);
         let surface = surface.map(|surface| Arc::clone(&surface.0));
         let (clip, rows, spin) = clips.run(py, config, move |listed, config, listener| {
@@ -137,20 +132,16 @@ impl PaintedEstimator {
             let batch = clip::run_sources(&inner.finder, &listed[0], config, &seeing)?;
             let clip = inner.lay_out(batch, std::mem::take, surface.as_deref());
             let rows = clip.orientations(axes);
-            let spin = clip.batch.times_s().map(|_| {
-                let times = TimeSource::origin(&clip.batch.times);
-                let config = SpinConfig {
-                    times,
-                    ..config.sequence.spin
-                };
-                Estimated::of_sequence(&rows, config, None)
-            });
+            let config = clip.batch.times.of_spin(config.sequence.spin);
+            let spin = clip
+                .batch
+                .is_sequence()
+                .then(|| Estimated::of_sequence(&rows, config, None));
             Ok((clip, rows, spin))
         })?;
         warn_of(py, clip.batch.focal_doubt.as_ref())?;
         let spin = spin.map(|spin| Estimated::answer(spin, py, axes));
-        let times_s = times_s.and_then(|times| times.into_iter().next());
-        Ok(tuple(py, clip, &rows, spin.transpose()?, times_s))
+        Ok(tuple(py, clip, &rows, spin.transpose()?))
     }
 }
 
@@ -160,7 +151,6 @@ fn tuple<'py>(
     clip: PaintedClip<PaintedFrame>,
     rows: &Orientations,
     spin: Option<Answer<Found<'py>>>,
-    times_s: Option<Vec<f64>>,
 ) -> PaintedTuple<'py> {
     let count = rows.rows.len();
     let agreements = clip.poses.iter();
@@ -186,6 +176,7 @@ fn tuple<'py>(
         let covariance = row.position.as_ref().map(|p| p.covariance);
         covariances.push(covariance.unwrap_or_else(|| nalgebra::Matrix3::repeat(f64::NAN)));
     }
+    let (is_answered, diameter_px, made) = (clip.is_answered(), clip.diameter_px, clip.made);
     (
         spin::rows(py, rows),
         PyArray1::from_vec(py, agreements.collect()),
@@ -194,10 +185,9 @@ fn tuple<'py>(
         circles.into_pyarray(py),
         centers.into_pyarray(py),
         blocks3(py, &covariances),
-        clip.made.clone().map(|made| Surface(Arc::new(made))),
+        made.map(|made| Surface(Arc::new(made))),
         spin,
-        times_s,
-        clip.is_answered(),
-        clip.diameter_px,
+        is_answered,
+        diameter_px,
     )
 }

@@ -9,7 +9,6 @@ use pyo3::prelude::*;
 use spindoe::clip::{RigClip, run_rig_sources};
 use spindoe::geometry::CameraFrame;
 use spindoe::spin::orientations::Orientations;
-use spindoe::spin::robust::SpinConfig;
 use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{Camera, EstimatorConfig, Extrinsics, RigCamera};
 use spindoe::{Ball, Vec3};
@@ -172,10 +171,7 @@ impl Rig {
             let clip = run_rig_sources(&rig, &tables, listed, config, listener)?;
             let rows = clip.outcome.orientations(CameraFrame::Camera);
             let together = &clip.together;
-            let config = SpinConfig {
-                times: together.times.origin(),
-                ..config.sequence.spin
-            };
+            let config = together.times.of_spin(config.sequence.spin);
             let spin = together
                 .is_sequence()
                 .then(|| Estimated::of_sequence(&rows, config, None));

@@ -134,11 +134,7 @@ impl Estimated {
         config: &SpinConfig,
         evidence: Option<&dyn SpinEvidence>,
     ) -> Self {
-        let listed = AliasConfig {
-            max_rps: config.max_rps,
-            sigma_rad: config.sigma_rad,
-            ..AliasConfig::default()
-        };
+        let listed = AliasConfig::of(config);
         let summary = estimate.summary(measurements, at_s, &listed, measurements.len());
         Self {
             summary: match evidence {

@@ -9,17 +9,10 @@ import pickle
 import numpy as np
 import PIL.Image
 import pytest
-from conftest import run
+from conftest import ROOT, run
 
 import spindoe
 
-SCENE = {
-    "kind": "dotless", "ball_px": [80, 80], "camera_distance_radii": [20, 20], "parallel_share": 0,
-    "blotches": {"coverage": [0.3, 0.6], "width_rad": [0.09, 0.5]}, "ambient": [0.6, 0.9], "shadow_share": 0, "max_gloss": 0.2,
-    "max_background": 0.3, "clutter_share": 0, "ground_share": 0, "occlusion_share": 0, "cords_share": 0, "defocus_px": [0.2, 0.8],
-    "max_noise": 3, "bad_exposure": 0, "gamma_share": 0, "jpeg_quality": [80, 98], "video_share": 0, "max_off_axis_rad": 0.05,
-    "cut_share": 0,
-}
 FRAMES, FPS, RPS = 24, 200, 5
 
 
@@ -27,9 +20,8 @@ FRAMES, FPS, RPS = 24, 200, 5
 def clip(command, tmp_path_factory):
     """A folder with the clip, its images and times, and what the command makes of it."""
     folder = tmp_path_factory.mktemp("painted")
-    (folder / "painted.json").write_text(json.dumps(SCENE))
     turning = ("--frames", FRAMES, "--fps", FPS, "--rps", RPS, "--seed", 3)
-    run(command, "synth", "--preset", folder / "painted.json", "-o", folder / "clip", *turning)
+    run(command, "synth", "--preset", ROOT / "studies/spin_regions/painted.json", "-o", folder / "clip", *turning)
     flags = ("--camera-distance-radii", 20, "--write-surface", folder / "ball.npz", "--json", "-o", folder / "found.csv")
     theirs = json.loads(run(command, "estimate", "--painted", folder / "clip/images", *flags))
     paths = sorted((folder / "clip/images").iterdir())

@@ -364,11 +364,7 @@ impl Request<'_> {
             shared: self.file.shared_error(),
             ..*self.config
         };
-        let listed = AliasConfig {
-            max_rps: arguments.max_spin_rps,
-            sigma_rad: config.sigma_rad,
-            ..AliasConfig::default()
-        };
+        let listed = AliasConfig::of(&config);
         let estimate = arguments
             .fit(measurements, config)
             .map_err(|r| self.rejected(r))?;

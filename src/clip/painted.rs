@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::balls::BallEstimate;
-use super::batch::{Batch, BatchFrame, BatchObserver};
+use super::batch::{Batch, BatchObserver};
 use super::config::BatchConfig;
 use crate::error::{Error, Result};
 use crate::geometry::{CameraFrame, Vec3, spiral_directions, turned_covariance};
@@ -11,22 +11,18 @@ use crate::image::RgbImage;
 use crate::pattern::Pattern;
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::shared::ViewTurn;
-use crate::surface::track::SYSTEMATIC;
-use crate::surface::{
-    PaintedFrame, PaintedPose, PaintedPoses, PaintedRejection, PaintedTracker, SurfaceMap,
-};
+use crate::surface::{PaintedFrame, PaintedPoses, PaintedTracker, SYSTEMATIC, SurfaceMap};
 use crate::vision::Budget;
 use crate::vision::frame::config::{CameraModel, OutlineMethod};
 use crate::vision::outline::circle::CircleConfig;
 use crate::vision::outline::find::OutlineFinder;
 
-/// What light, outline and surface err alike wherever a painted ball shows the same side, as the residual of dots that would err as much
-/// ([`SharedError::of_residuals`](crate::spin::shared::SharedError::of_residuals)), radians.
-const RESIDUAL: f64 = SYSTEMATIC;
-/// By so much a clip drifts from its first frame to its last, the standard deviation about an axis, degrees: where the camera's distance is
-/// known, and where it is not. With both a spin's region of 95 % holds it in 70 of 72 and 49 of 50 rendered clips, without in 14 and 16; with too
-/// little of it even spins pass for pushed ones (`docs/measurements/painted.md`).
-const DRIFT_DEG: [f64; 2] = [1.0, 2.0];
+/// By so much a clip drifts from its first frame to its last, the standard deviation about an axis, degrees, where the camera's distance is
+/// known. With it a spin's region of 95 % holds it in 70 of 72 rendered clips, without in 14; with too little of it even spins pass for pushed
+/// ones (`docs/measurements/painted.md`).
+const DRIFT_DEG: f64 = 1.0;
+/// The same where it is not known: 49 of 50 rendered clips, without it 16.
+const DRIFT_WITHOUT_DISTANCE_DEG: f64 = 2.0;
 
 /// Estimates the frames of a painted ball: their outlines by [`run`](super::run::run), then all of them on one surface.
 #[derive(Debug)]
@@ -44,11 +40,14 @@ impl PaintedEstimator {
     /// Those of [`OutlineFinder::new`].
     pub fn new(camera: &CameraModel, method: OutlineMethod, ball_radius_m: f64) -> Result<Self> {
         let finder = OutlineFinder::new(CircleConfig::default(), method, camera)?;
+        let drift_deg = match camera {
+            CameraModel::Known(_) => DRIFT_DEG,
+            CameraModel::Unknown(_) => DRIFT_WITHOUT_DISTANCE_DEG,
+        };
         Ok(Self {
             finder: finder.with_ball_radius_m(ball_radius_m),
             tracker: PaintedTracker::new(camera),
-            drift_rad: DRIFT_DEG[usize::from(matches!(camera, CameraModel::Unknown(_)))]
-                .to_radians(),
+            drift_rad: drift_deg.to_radians(),
         })
     }
 
@@ -90,67 +89,55 @@ pub struct PaintedClip<K> {
     pub poses: PaintedPoses,
     /// The surface that they show, where none was given.
     pub made: Option<SurfaceMap>,
-    /// The ball's diameter in the picture, the median; NaN where no frame shows it.
+    /// The ball's diameter in the picture, the median; 0 where no frame shows it.
     pub diameter_px: f64,
     /// By how much it drifts from its first frame to its last.
     drift_rad: f64,
 }
 
 impl<K> PaintedClip<K> {
-    /// Number of frames with a pose.
-    pub fn posed(&self) -> usize {
-        self.poses.iter().flatten().count()
-    }
-
     /// Whether the poses say anything: that of the frame by which a surface begins, alone, does not.
     pub fn is_answered(&self) -> bool {
-        self.posed() > usize::from(self.made.is_some())
+        self.poses.iter().flatten().count() > usize::from(self.made.is_some())
     }
 
-    /// How far each frame has drifted, about three axes: evenly over the time. None where a frame has no time.
-    fn drift(&self) -> Option<Vec<ViewTurn>> {
+    /// How far the clip has drifted by a time, about three axes: evenly. None where a frame has no time.
+    fn drift(&self) -> Option<impl Fn(f64) -> ViewTurn> {
         let times = self.batch.times_s()?;
         let (first, last) = (*times.first()?, *times.last()?);
-        (first < last).then_some(())?;
-        let drifted = times.iter().map(|time_s| {
+        let drift_rad = self.drift_rad;
+        (first < last).then_some(move |time_s: f64| {
             let share = (time_s - first) / (last - first) - 0.5;
             let axes = [Vec3::x(), Vec3::y(), Vec3::z()];
             ViewTurn {
-                shared_rad: axes.map(|axis| axis * (share * self.drift_rad)),
+                shared_rad: axes.map(|axis| axis * (share * drift_rad)),
                 ..ViewTurn::default()
             }
-        });
-        Some(drifted.collect())
+        })
     }
 
-    /// The row of each frame, in these axes. It has no confidence: how often a pose is right depends on how far its clip has drifted,
-    /// which the frame does not know.
+    /// The row of each frame, in these axes. Its residual is what light, outline and surface err alike wherever the ball shows the same
+    /// side, as that of dots ([`SharedError::of_residuals`](crate::spin::shared::SharedError::of_residuals)). It has no confidence: how often a
+    /// pose is right depends on how far its clip has drifted, which the frame does not know.
     pub fn orientations(&self, axes: CameraFrame) -> Orientations {
-        let turn = axes.turn();
-        let drift = self.drift();
-        type Posed<'a, K> = (
-            &'a BatchFrame<K>,
-            &'a std::result::Result<PaintedPose, PaintedRejection>,
-        );
-        let row = |(k, (frame, pose)): (usize, Posed<'_, K>)| {
+        let (turn, drift) = (axes.turn(), self.drift());
+        let frames = self.batch.frames.iter().zip(&self.poses);
+        let rows = frames.map(|(frame, pose)| {
             let pose = pose.as_ref().ok();
+            let drift = pose.and(drift.as_ref()).zip(frame.time_s);
             OrientationRow {
                 frame: frame.name.clone(),
                 time_s: frame.time_s.unwrap_or(f64::NAN),
                 orientation: pose.map(|p| turn * p.rotation),
                 covariance: pose.map(|p| turned_covariance(&turn, &p.covariance)),
-                residual_rad: pose.map(|_| RESIDUAL),
-                turn: drift
-                    .as_ref()
-                    .filter(|_| pose.is_some())
-                    .map(|drift| drift[k]),
+                residual_rad: pose.map(|_| SYSTEMATIC),
+                turn: drift.map(|(drift, time_s)| drift(time_s)),
                 position: frame.estimate().position().map(|p| p.turned(&turn)),
                 ..OrientationRow::default()
             }
-        };
-        let frames = self.batch.frames.iter().zip(&self.poses);
+        });
         Orientations {
-            rows: frames.enumerate().map(row).collect(),
+            rows: rows.collect(),
             camera_frame: Some(axes),
             ..Orientations::default()
         }

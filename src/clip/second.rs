@@ -12,7 +12,6 @@ use super::work::{Work, Worker};
 use crate::error::Result;
 use crate::image::ImageView;
 use crate::source::files::Source;
-use crate::spin::robust::SpinConfig;
 use crate::vision::frame::estimate::FrameEstimate;
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::outline::find::OutlineFinder;
@@ -227,10 +226,7 @@ impl<O: BatchObserver> Pass<'_, O> {
         times_s: &[f64],
         frames: &mut [BatchFrame<O::Kept>],
     ) -> SequenceOutcome {
-        let spin = SpinConfig {
-            times: times.origin(),
-            ..self.config.sequence.spin
-        };
+        let spin = times.of_spin(self.config.sequence.spin);
         let taken = frames.iter_mut().map(|f| {
             sort_from_left(&mut f.balls);
             std::mem::take(&mut f.balls)

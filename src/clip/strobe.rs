@@ -281,11 +281,7 @@ impl Strobe {
             (several, covariances) if several.len() >= MIN_FRAMES => {
                 match RobustEstimator::new(config).fit(several) {
                     Ok(fit) => {
-                        let listed = AliasConfig {
-                            max_rps: self.spin.max_rps,
-                            sigma_rad: config.sigma_rad,
-                            ..AliasConfig::default()
-                        };
+                        let listed = AliasConfig::of(&config);
                         let ln = fit.log_likelihood.unwrap_or_default();
                         let mut others = alternatives(several, &fit, &listed);
                         others.truncate(MAX_TURNS);

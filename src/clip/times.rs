@@ -6,7 +6,7 @@ use super::batch::BatchFrame;
 use super::config::FrameClock;
 use crate::error::{Error, Result};
 use crate::source::video::VideoClock;
-use crate::spin::robust::TimeOrigin;
+use crate::spin::robust::{SpinConfig, TimeOrigin};
 
 /// Where the times of a batch came from.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -46,12 +46,13 @@ pub enum TimeSource {
 }
 
 impl TimeSource {
-    /// What the clock of a spin makes of it.
-    pub fn origin(&self) -> TimeOrigin {
-        match self {
+    /// The settings of a spin by these times.
+    pub fn of_spin(&self, config: SpinConfig) -> SpinConfig {
+        let times = match self {
             Self::Video(_) => TimeOrigin::Video,
             _ => TimeOrigin::Stated,
-        }
+        };
+        SpinConfig { times, ..config }
     }
 
     /// Why the numbers in the frames' names are no times, where they are none.

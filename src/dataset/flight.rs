@@ -77,10 +77,7 @@ pub fn read_clip(
         return Err(Error::input(path, "times", problem));
     }
     let file = batch.orientations(config.axes);
-    let spin = SpinConfig {
-        times: batch.times.origin(),
-        ..config.batch.sequence.spin
-    };
+    let spin = batch.times.of_spin(config.batch.sequence.spin);
     Ok(Clip {
         path: path.to_path_buf(),
         frames: batch.frames.len(),

@@ -23,6 +23,7 @@
 
 use nalgebra::Complex;
 
+use super::config::SpinConfig;
 use super::mixture::{Mixture, Noise, RatePrior};
 use super::motion::{ConstantSpin, axis_and_rate};
 use super::robust::ALIASES;
@@ -54,6 +55,17 @@ pub struct AliasConfig {
     pub min_log_ratio: f64,
     /// Noise of an orientation per axis, radians, where the estimate has none of its own.
     pub sigma_rad: f64,
+}
+
+impl AliasConfig {
+    /// As far as a spin by these settings is looked for, and with its noise.
+    pub fn of(config: &SpinConfig) -> Self {
+        Self {
+            max_rps: config.max_rps,
+            sigma_rad: config.sigma_rad,
+            ..Self::default()
+        }
+    }
 }
 
 impl Default for AliasConfig {

@@ -424,11 +424,7 @@ fn settle(
     evidence: &dyn SpinEvidence,
 ) {
     let config = *estimator.config();
-    let listed = AliasConfig {
-        max_rps: config.max_rps,
-        sigma_rad: config.sigma_rad,
-        ..AliasConfig::default()
-    };
+    let listed = AliasConfig::of(&config);
     let mut others = alternatives(measurements, fit, &listed);
     let own = fit.motion.spin;
     weigh(&mut others, &own, evidence, f64::NEG_INFINITY);

@@ -30,7 +30,7 @@ mod mapper;
 mod order;
 mod search;
 mod surface_map;
-pub(crate) mod track;
+mod track;
 mod viewed;
 
 pub use chart::SurfaceChart;
@@ -40,5 +40,6 @@ pub use dots::{ExpectedDot, FoundDot, contrasts, find_dots};
 pub use frame::PaintedFrame;
 pub use mapper::{MappedClip, MappedFrame, PaintMapper};
 pub use surface_map::{PLACES, SurfaceMap};
+pub(crate) use track::SYSTEMATIC;
 pub use track::{PaintedPose, PaintedPoses, PaintedRejection, PaintedTrack, PaintedTracker};
 pub use viewed::ViewedPlaces;

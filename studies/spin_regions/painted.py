@@ -19,13 +19,8 @@ from clips import QUANTILES
 from scipy.spatial.transform import Rotation
 
 FRAMES, FPS = 24, 60
-SCENE = {
-    "kind": "dotless", "ball_px": [80, 80], "camera_distance_radii": [8, 40], "parallel_share": 0,
-    "blotches": {"coverage": [0.3, 0.6], "width_rad": [0.09, 0.5]}, "ambient": [0.6, 0.9], "shadow_share": 0, "max_gloss": 0.2,
-    "max_background": 0.3, "clutter_share": 0, "ground_share": 0, "occlusion_share": 0, "cords_share": 0, "defocus_px": [0.2, 0.8],
-    "max_noise": 3, "bad_exposure": 0, "gamma_share": 0, "jpeg_quality": [80, 98], "video_share": 0, "max_off_axis_rad": 0.05,
-    "cut_share": 0,
-}  # fmt: skip
+# As the tests of painted balls have it, at other distances.
+SCENE = json.loads(Path(__file__).with_suffix(".json").read_text()) | {"camera_distance_radii": [8, 40]}
 
 
 def turn(wxyz: list[float]) -> Rotation:

@@ -158,6 +158,10 @@ impl<'a> Report<'a> {
         let (asked, batch) = (&arguments.asked, &clip.batch);
         let axes = asked.frame()?;
         let file = clip.orientations(axes);
+        let spin = batch.is_sequence().then(|| {
+            let (timed, nothing) = ((&file, &batch.times), SequenceEvidence::default());
+            found_spin(asked, timed, arguments.motion, &nothing)
+        });
         let frames = file.rows.into_iter().zip(&clip.poses);
         let rows = ClipRows {
             asked,
@@ -168,11 +172,6 @@ impl<'a> Report<'a> {
                 .collect(),
             columns: file.columns,
         };
-        let timed = batch.times_s();
-        let spin = timed.map(|_| {
-            let (file, nothing) = (rows.orientations(), SequenceEvidence::default());
-            found_spin(asked, (&file, &batch.times), arguments.motion, &nothing)
-        });
         let known = clip.made.as_ref().map(SurfaceMap::known);
         Ok(Self { rows, known, spin })
     }

@@ -16,7 +16,6 @@ use crate::spin::alias::AliasConfig;
 use crate::spin::estimate::FittedMotion;
 use crate::spin::estimate::{MotionModel, SpinEstimate};
 use crate::spin::orientations::{BallColumns, OrientationRow, Orientations};
-use crate::spin::robust::SpinConfig;
 use crate::spin::summary::SpinSummary;
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::{FrameEstimate, Pose};
@@ -31,15 +30,8 @@ pub(super) fn found_spin(
     model: MotionModel,
     evidence: &SequenceEvidence<'_>,
 ) -> FoundSpin {
-    let config = file.spin_config(SpinConfig {
-        times: times.origin(),
-        ..asked.spin()
-    });
-    let listed = AliasConfig {
-        max_rps: config.max_rps,
-        sigma_rad: config.sigma_rad,
-        ..AliasConfig::default()
-    };
+    let config = file.spin_config(times.of_spin(asked.spin()));
+    let listed = AliasConfig::of(&config);
     let measurements = file.measurements();
     let together = evidence.together();
     let estimate = match &together {

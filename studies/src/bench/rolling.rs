@@ -251,11 +251,7 @@ fn spun(
         None => SpinEstimate::fit(&measurements, constant, &config),
     }
     .ok()?;
-    let listed = AliasConfig {
-        max_rps: config.max_rps,
-        sigma_rad: config.sigma_rad,
-        ..AliasConfig::default()
-    };
+    let listed = AliasConfig::of(&config);
     let summary = fit.summary(&measurements, fit.middle_s(), &listed, named.len());
     let chosen = summary.fit.motion.spin;
     let others = summary.alternatives.iter().map(|a| a.spin);

@@ -176,11 +176,7 @@ impl Args {
         let Ok(fitted) = fitted else {
             return Ok(None);
         };
-        let listed = AliasConfig {
-            max_rps: config.max_rps,
-            sigma_rad: config.sigma_rad,
-            ..AliasConfig::default()
-        };
+        let listed = AliasConfig::of(&config);
         let summary = fitted
             .summary(&measurements, fitted.middle_s(), &listed, self.frames)
             .weighed(&smears, &listed);
