@@ -156,7 +156,7 @@ impl Estimator {
         // Not the corrected outline, which has the sheared dots' error.
         let outline = frame.outline?.with_model_error();
         let prior = refine::Prior {
-            outline: (outline.circle, outline.covariance),
+            outline,
             camera: self.config.camera,
             start: self.config.camera.at(pose.distance),
             drawn,

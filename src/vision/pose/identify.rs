@@ -412,7 +412,7 @@ impl Estimator {
         out: &mut FrameEstimate,
     ) -> Option<Refined> {
         let prior = refine::Prior {
-            outline: (outline.circle, outline.covariance),
+            outline: *outline,
             camera: self.config.camera,
             start,
             drawn,

@@ -18,7 +18,7 @@ use crate::vision::frame::estimate::{Axis, FrameEstimate, Pose};
 use crate::vision::frame::outline::Outline;
 use crate::vision::frame::position;
 use crate::vision::optics::ball_pixels::BallPixels;
-use crate::vision::optics::camera::{BallView, Camera, Pixel};
+use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
 use crate::vision::optics::crop::Images;
 use crate::vision::optics::grid::Grid;
 use crate::vision::outline::place::{FOR_OUTLINE, Place};
@@ -30,6 +30,8 @@ const MOVED: f64 = 4.0;
 /// Standard deviation of the radius of an outline that may be an ellipse, radii: off the axis by 5 degrees, the half axes differ
 /// by 0.4 %.
 const OVAL: f64 = 0.002;
+/// An outline that the dots moved by more than this, radii, is read again: what is read of it would no longer be the ball's.
+const FAR: f64 = 0.03;
 /// Where more than this part of the names is lost on the sharpened dots, these are other things.
 const MOST_LOST: f64 = 0.25;
 
@@ -67,12 +69,38 @@ impl Estimator {
         let outline = out.outline.map(|outline| outline.circle);
         out.axis =
             outline.and_then(|circle| Axis::of_picture(image.width(), image.height(), &circle));
+        let found = out.circle;
         let seen = self.place_by_pixels(image, ws, out);
         let refined = seen.and_then(|rim| self.refine_sharpened(pose, rim, ws, out));
         if refined.is_none() {
             out.dots.clone_from(&ws.detected);
             out.assignment.clone_from(&ws.named);
             out.blurs.clear();
+            return seen.flatten();
+        }
+        match found
+            .zip(out.circle)
+            .is_some_and(|(from, to)| is_far(&from, &to))
+        {
+            true => self.sharpen_astray(pose, image, ws, out),
+            false => seen.flatten(),
+        }
+    }
+
+    /// The same once more, where the dots have shown that the outline was not the ball's: dots and rim are read about the ball.
+    fn sharpen_astray(
+        &self,
+        pose: &Pose,
+        image: ImageView<'_>,
+        ws: &mut EstimatorWorkspace,
+        out: &mut FrameEstimate,
+    ) -> Option<Outline> {
+        let first = out.clone();
+        let seen = self.place_by_pixels(image, ws, out);
+        let refined = seen.and_then(|rim| self.refine_sharpened(pose, rim, ws, out));
+        if refined.is_none() {
+            out.clone_from(&first);
+            return None;
         }
         seen.flatten()
     }
@@ -201,6 +229,12 @@ impl Estimator {
         out.outcome = Ok(refined.of(pose));
         Some(())
     }
+}
+
+/// Whether an outline is no longer the same.
+fn is_far(from: &BallCircle, to: &BallCircle) -> bool {
+    let moved = (from.center.u - to.center.u).hypot(from.center.v - to.center.v);
+    moved.max((from.radius - to.radius).abs()) > FAR * to.radius
 }
 
 /// The pixels about a ball.

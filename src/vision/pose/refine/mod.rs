@@ -6,6 +6,7 @@
 //! covariance), each dot has the weight of Student's distribution with `nu` degrees of freedom, `(nu + 2) / (nu + e^T S^-1 e)`; Gauss-Newton
 //! on that (K. Lange et al., "Robust statistical modeling using the t distribution", JASA 84, 1989).
 
+mod alternatives;
 mod placement;
 mod prior;
 
@@ -107,8 +108,10 @@ struct PoseState {
     information: SMatrix<f64, PARAMETERS, PARAMETERS>,
     /// Variance of the placement over the stated one.
     placement: f64,
-    /// Minus two log-likelihoods of all that is fitted.
+    /// Minus two log-likelihoods of all that is fitted, but for what the dots' covariances add.
     cost: f64,
+    /// That: the sum of the logarithms of their determinants.
+    ln_spread: f64,
 }
 
 impl PoseState {
@@ -165,7 +168,7 @@ impl Refiner {
     ) -> Option<Refined> {
         matches.clear();
         matches.extend(named(frame));
-        let (mut state, prior) = self.fit_sides(names, prior, rotation, frame, matches)?;
+        let (mut state, prior) = self.fit_best(names, prior, rotation, frame, matches)?;
         if self.rename(names, &state, frame, matches) {
             state = self.fit(names, &prior, &state.rotation, frame, matches)?;
         }
@@ -235,30 +238,6 @@ impl Refiner {
         state.cost - unnamed * matches.len() as f64
     }
 
-    /// Without intrinsics an ellipse is that of a ball to either side of the camera's axis: the dots decide. Also the prior of
-    /// that side.
-    fn fit_sides(
-        &self,
-        names: &[Vec3],
-        prior: &Prior,
-        rotation: &Rotation,
-        frame: &FrameEstimate,
-        matches: &[Match],
-    ) -> Option<(PoseState, Prior)> {
-        let near = self.fit(names, prior, rotation, frame, matches);
-        let near = near.map(|state| (state, *prior));
-        let is_known = matches!(prior.camera, CameraModel::Known(_));
-        if is_known || !prior.outline.0.is_ellipse() {
-            return near;
-        }
-        let mut other = *prior;
-        other.outline.0.eccentricity = -other.outline.0.eccentricity;
-        let far = self.fit(names, &other, rotation, frame, matches);
-        let far = far.map(|state| (state, other));
-        let both = near.into_iter().chain(far);
-        both.min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))
-    }
-
     /// What dots and outline say of a camera that is not known, about a solution.
     fn evidence(
         &self,
@@ -271,7 +250,7 @@ impl Refiner {
         let CameraModel::Unknown(expected) = prior.camera else {
             return None;
         };
-        let mut seen = prior.of_outline(&prior.outline.1.try_inverse()?, &state.view);
+        let mut seen = prior.of_outline(&prior.outline.covariance.try_inverse()?, &state.view);
         self.add_dots(names, prior, state, frame, matches, &mut seen)?;
         ViewEvidence::new(&seen.information, &seen.gradient, expected, prior.axis)
     }
@@ -287,15 +266,15 @@ impl Refiner {
         if matches.len() < MIN_MATCHES {
             return None;
         }
-        let (circle, covariance) = &prior.outline;
-        let of_outline = covariance.try_inverse()?;
+        let of_outline = prior.outline.covariance.try_inverse()?;
         let mut state = PoseState {
             camera: prior.start,
-            view: BallView::new(&prior.start, *circle).ok()?,
+            view: BallView::new(&prior.start, prior.outline.circle).ok()?,
             rotation: *rotation,
             information: SMatrix::zeros(),
             placement: 1.0,
             cost: f64::INFINITY,
+            ln_spread: 0.0,
         };
         for _ in 0..STEPS {
             let mut equations = prior.equations(&of_outline, &state.view);
@@ -309,6 +288,7 @@ impl Refiner {
             }
             state.go(&step, prior)?;
             (state.information, state.cost) = (equations.information, equations.cost);
+            state.ln_spread = spread.ln_determinants;
             if step.norm() < CONVERGED {
                 break;
             }
@@ -347,6 +327,7 @@ impl Refiner {
             let weight = LOSS.weight(distance);
             equations.add(&by_parameters, &residual, &(inverse * weight));
             equations.cost += LOSS.cost(distance);
+            spread.ln_determinants -= inverse.determinant().ln();
             if prior.drawn == Drawn::AsSeen {
                 spread.add(&(inverse * hand), &(inverse * residual), &hand, weight);
             }

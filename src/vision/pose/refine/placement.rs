@@ -47,6 +47,8 @@ pub(super) struct Spread {
     pub(super) seen: f64,
     pub(super) expected: f64,
     pub(super) residuals: f64,
+    /// Sum of the logarithms of the determinants of `S`.
+    pub(super) ln_determinants: f64,
 }
 
 impl Spread {

@@ -6,7 +6,8 @@ use super::{Equations, PARAMETERS, offset};
 use crate::geometry::Vec3;
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::Axis;
-use crate::vision::optics::camera::{BallCircle, BallView, Camera};
+use crate::vision::frame::outline::Outline;
+use crate::vision::optics::camera::{BallView, Camera};
 
 /// Standard deviation of the eccentricity along either axis of the image, where the outline is a circle and where an ellipse was
 /// fitted: a ball 5 degrees off the axis has 0.087.
@@ -21,8 +22,7 @@ pub(super) const MAX_ECCENTRICITY: f64 = 0.9;
 /// What is known before the dots are fitted.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Prior {
-    /// The outline, and the covariance of its u, v and radius.
-    pub outline: (BallCircle, Matrix3<f64>),
+    pub outline: Outline,
     /// What is known of the camera.
     pub camera: CameraModel,
     /// Where the search for the distance starts: the camera under which the dots are identified.
@@ -42,7 +42,7 @@ impl Prior {
 
     /// What the outline says.
     pub(super) fn of_outline(&self, of_outline: &Matrix3<f64>, view: &BallView) -> Equations {
-        let (circle, now) = (&self.outline.0, view.circle());
+        let (circle, now) = (&self.outline.circle, view.circle());
         let moved = offset(circle.center, now.center);
         let (growth, by_eccentricity) = match circle.is_ellipse() {
             true => (1.0, Vector2::zeros()),
@@ -64,12 +64,12 @@ impl Prior {
     /// Whether the outline shows how far it is drawn out, and the dots may follow.
     pub(super) fn has_oval(&self) -> bool {
         let is_unknown = matches!(self.camera, CameraModel::Unknown(_));
-        is_unknown && self.outline.0.is_ellipse() && self.drawn == Drawn::AsSeen
+        is_unknown && self.outline.circle.is_ellipse() && self.drawn == Drawn::AsSeen
     }
 
     /// What the outline says of the eccentricity, or where it is a circle that most balls are near the axis.
     pub(super) fn add_eccentricity(&self, equations: &mut Equations, view: &BallView) {
-        let circle = &self.outline.0;
+        let circle = &self.outline.circle;
         let sigma = match self.drawn {
             Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
             // Dots that may lie anywhere about their places say nothing of the axis.
@@ -147,7 +147,7 @@ pub(super) fn of_circle(eccentricity: &Vector2<f64>) -> (f64, Vector2<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::optics::camera::Pixel;
+    use crate::vision::optics::camera::{BallCircle, Pixel};
 
     /// What the axis says, as a cost; its gradient is minus a half of the cost's.
     #[test]
