@@ -7,17 +7,37 @@
 //! Readings are compared by Laplace's approximation of their evidence, `-2 ln p = cost + sum ln det S + ln det C + ln det H`, of the dots'
 //! covariances `S`, the outline's `C` and the information `H` at the minimum (D. MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28).
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, SMatrix, SVector};
 
-use super::{Drawn, Match, PoseState, Prior, Refiner};
+use super::{Drawn, Match, PARAMETERS, PoseState, Prior, Refiner, offset};
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::FrameEstimate;
 
-/// Share of the outlines that were found whose error is another than they state.
-const ASTRAY: f64 = 0.05;
-/// Standard deviation of center and radius of those, radii.
-const ASTRAY_RADII: f64 = 0.06;
+/// Shares of the outlines that were found whose error is as stated, or has a further standard deviation of center and radius, radii.
+const ERRORS: [OutlineError; 3] = [
+    OutlineError {
+        share: 0.75,
+        radii: 0.0,
+    },
+    OutlineError {
+        share: 0.2,
+        radii: 0.02,
+    },
+    OutlineError {
+        share: 0.05,
+        radii: 0.06,
+    },
+];
+/// To either side, with each error.
+const MAX_READINGS: usize = 2 * ERRORS.len();
+/// A reading less likely than this beside the best adds nothing to the covariance.
+const LEAST_SHARE: f64 = 1e-3;
+
+struct OutlineError {
+    share: f64,
+    radii: f64,
+}
 
 /// A reading of the outline.
 struct Reading {
@@ -36,17 +56,18 @@ impl Prior {
         (!is_known && self.outline.circle.is_ellipse()).then_some(other)
     }
 
-    /// The outline as one that is astray, where it was found and the dots can say so.
-    fn astray(&self) -> Option<Self> {
+    /// The outline with a further error, where it was found and the dots can say so.
+    fn with_error(&self, error: &OutlineError) -> Option<Self> {
         let mut other = *self;
-        let sigma = ASTRAY_RADII * self.outline.circle.radius;
+        let sigma = error.radii * self.outline.circle.radius;
         other.outline.covariance += Matrix3::from_diagonal_element(sigma * sigma);
-        (self.drawn == Drawn::AsSeen && !self.outline.is_given()).then_some(other)
+        let is_open = self.drawn == Drawn::AsSeen && !self.outline.is_given();
+        (is_open || error.radii == 0.0).then_some(other)
     }
 }
 
 impl Refiner {
-    /// The fit under the reading that has most evidence, and the reading.
+    /// The fit under the reading that has most evidence, with the covariance of all, and the reading.
     pub(super) fn fit_best(
         &self,
         names: &[Vec3],
@@ -55,18 +76,42 @@ impl Refiner {
         frame: &FrameEstimate,
         matches: &[Match],
     ) -> Option<(PoseState, Prior)> {
-        let read = |prior: Prior, odds: f64| {
-            let state = self.fit(names, &prior, rotation, frame, matches)?;
-            let cost = state.ln_evidence_cost(&prior)? - 2.0 * odds.ln();
-            Some(Reading { state, prior, cost })
-        };
+        let mut readings: [Option<Reading>; MAX_READINGS] = Default::default();
         let sides = [Some(*prior), prior.other_side()];
-        let as_stated = sides.into_iter().flatten();
-        let near = as_stated.filter_map(|prior| read(prior, 1.0 - ASTRAY));
-        let astray = sides.into_iter().flatten().filter_map(|side| side.astray());
-        let far = astray.filter_map(|prior| read(prior, ASTRAY));
-        let best = near.chain(far).min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-        Some((best.state, best.prior))
+        let sides = sides.into_iter().flatten();
+        let all = sides.flat_map(|side| {
+            ERRORS.iter().filter_map(move |error| {
+                let prior = side.with_error(error)?;
+                let state = self.fit(names, &prior, rotation, frame, matches)?;
+                let cost = state.ln_evidence_cost(&prior)? - 2.0 * error.share.ln();
+                Some(Reading { state, prior, cost })
+            })
+        });
+        for (place, reading) in readings.iter_mut().zip(all) {
+            *place = Some(reading);
+        }
+        let seen = readings.iter().flatten();
+        let best = seen.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+        let (mut sum, mut total) = (SMatrix::zeros(), 0.0);
+        for reading in readings.iter().flatten() {
+            let share = (0.5 * (best.cost - reading.cost)).exp();
+            if share < LEAST_SHARE {
+                continue;
+            }
+            let off = reading.state.off(&best.state);
+            sum += (reading.state.covariance()? + off * off.transpose()) * share;
+            total += share;
+        }
+        let covariance = sum / total;
+        let index = readings
+            .iter()
+            .position(|r| r.as_ref().is_some_and(|r| std::ptr::eq(r, best)))?;
+        let best = readings[index].take()?;
+        let state = PoseState {
+            information: covariance.try_inverse()?,
+            ..best.state
+        };
+        Some((state, best.prior))
     }
 }
 
@@ -77,5 +122,30 @@ impl PoseState {
         let ln_information: f64 = information.l().diagonal().iter().map(|d| d.ln()).sum();
         let ln_outline = prior.outline.covariance.determinant().ln();
         Some(self.cost + self.ln_spread + ln_outline + 2.0 * ln_information)
+    }
+
+    fn covariance(&self) -> Option<SMatrix<f64, PARAMETERS, PARAMETERS>> {
+        self.information.try_inverse()
+    }
+
+    /// How far it is from another, in the fitted parameters.
+    fn off(&self, from: &Self) -> SVector<f64, PARAMETERS> {
+        let turn = (self.rotation * from.rotation.inverse()).scaled_axis();
+        let (now, then) = (self.view.circle(), from.view.circle());
+        let moved = offset(now.center, then.center);
+        let drawn_out = now.eccentricity - then.eccentricity;
+        let away = self.view.horizon() - from.view.horizon();
+        let grown = now.radius - then.radius;
+        SVector::from([
+            turn.x,
+            turn.y,
+            turn.z,
+            moved.x,
+            moved.y,
+            grown,
+            away,
+            drawn_out.x,
+            drawn_out.y,
+        ])
     }
 }

@@ -168,9 +168,9 @@ impl Refiner {
     ) -> Option<Refined> {
         matches.clear();
         matches.extend(named(frame));
-        let (mut state, prior) = self.fit_best(names, prior, rotation, frame, matches)?;
+        let (mut state, mut reading) = self.fit_best(names, prior, rotation, frame, matches)?;
         if self.rename(names, &state, frame, matches) {
-            state = self.fit(names, &prior, &state.rotation, frame, matches)?;
+            (state, reading) = self.fit_best(names, prior, &state.rotation, frame, matches)?;
         }
         frame.assignment.fill(None);
         let (mut angles, mut distances) = (0.0, 0.0);
@@ -210,7 +210,7 @@ impl Refiner {
                     sigma: 0.0,
                 }),
             },
-            evidence: self.evidence(names, &prior, &state, frame, matches),
+            evidence: self.evidence(names, &reading, &state, frame, matches),
             residual_rad: (angles / count).sqrt(),
             residual_px: (distances / count).sqrt(),
         })
