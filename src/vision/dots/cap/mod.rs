@@ -64,6 +64,13 @@ const MAX_SHIFT: f64 = 0.7;
 /// Standard deviation per axis of what the model leaves out, radians and pixels: shading that is not linear and ink that is not
 /// even; what lies between pixels.
 const MODEL_ERROR: (f64, f64) = (2e-4, 0.015);
+/// And of the blur's deviation for a dot that faces the camera: a smear that is no Gaussian, what lies beside the dot, mosaics and compression.
+/// The median of the squared distances is that of their distribution with 0.04, 0.055 and 0.08 at 0.9, 0.6 and 0.4 of facing (dots of 1 200 images
+/// of 40 to 200 px in all conditions, seeds 641040 to 6410200; half of that with path-traced pictures).
+const BLUR_ERROR: f64 = 0.036;
+/// It grows towards the limb by this power of the facing; not beyond the least facing.
+const LIMB_POWER: f64 = 0.75;
+const LEAST_FACING: f64 = 0.2;
 /// Within so many deviations of the blur and so many pixels of the rim, what is behind the ball is seen.
 const RIM: (f64, f64) = (2.0, 0.5);
 /// Variance of the values that the first step supposes.
@@ -375,8 +382,10 @@ fn judged(
     let of_middle = covariance.fixed_view::<2, 2>(0, 0)
         + Matrix2::from_diagonal_element(MODEL_ERROR.0 * MODEL_ERROR.0);
     let to_pixel = view.jacobian(&state.middle) * Matrix3x2::from_columns(tangents);
+    let facing = state.middle.z.max(LEAST_FACING);
+    let of_blur = BLUR_ERROR * state.blur * facing.powf(-LIMB_POWER);
     let of_pixel = to_pixel * of_middle * to_pixel.transpose()
-        + Matrix2::from_diagonal_element(MODEL_ERROR.1 * MODEL_ERROR.1);
+        + Matrix2::from_diagonal_element(MODEL_ERROR.1.powi(2) + of_blur.powi(2));
     let tone = Tone {
         bend: state.bend,
         variance: covariance[(SHAPE[2], SHAPE[2])] + TONE_DRIFT,
