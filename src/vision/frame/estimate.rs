@@ -247,6 +247,19 @@ impl Default for FrameEstimate {
 }
 
 impl FrameEstimate {
+    /// Becomes a copy of another, in memory that is there.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.dots.clone_from(&other.dots);
+        self.assignment.clone_from(&other.assignment);
+        self.blurs.clone_from(&other.blurs);
+        *self = Self {
+            dots: std::mem::take(&mut self.dots),
+            assignment: std::mem::take(&mut self.assignment),
+            blurs: std::mem::take(&mut self.blurs),
+            ..*other
+        };
+    }
+
     /// Nothing is known.
     pub(crate) const NOT_PROCESSED: Self = Self {
         outline: None,

@@ -78,10 +78,8 @@ impl Estimator {
             out.blurs.clear();
             return seen.flatten();
         }
-        match found
-            .zip(out.circle)
-            .is_some_and(|(from, to)| is_far(&from, &to))
-        {
+        let both = found.zip(out.circle);
+        match both.is_some_and(|(from, to)| is_far(&from, &to)) {
             true => self.sharpen_astray(pose, image, ws, out),
             false => seen.flatten(),
         }
@@ -95,14 +93,15 @@ impl Estimator {
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<Outline> {
-        let first = out.clone();
+        let mut first = std::mem::take(&mut ws.within);
+        first.copy_from(out);
         let seen = self.place_by_pixels(image, ws, out);
         let refined = seen.and_then(|rim| self.refine_sharpened(pose, rim, ws, out));
         if refined.is_none() {
-            out.clone_from(&first);
-            return None;
+            std::mem::swap(&mut first, out);
         }
-        seen.flatten()
+        ws.within = first;
+        refined.and(seen).flatten()
     }
 
     /// The outline by the image's rim, where it was found and is clear, of a frame without a pose whose camera is known.

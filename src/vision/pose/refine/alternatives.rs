@@ -78,19 +78,25 @@ impl Refiner {
         frame: &FrameEstimate,
         matches: &[Match],
     ) -> Option<(PoseState, Prior)> {
-        let sides = [Some(*prior), prior.other_side()];
-        let sides = sides.into_iter().flatten();
-        let all = sides.flat_map(|side| {
-            ERRORS.iter().filter_map(move |error| {
-                let prior = side.with_error(error)?;
-                let state = self.fit(names, &prior, rotation, frame, matches)?;
-                let cost = state.ln_evidence_cost(&prior)? - 2.0 * error.share.ln();
-                Some(Reading { state, prior, cost })
-            })
-        });
         let mut readings: [Option<Reading>; MAX_READINGS] = Default::default();
-        for (place, reading) in readings.iter_mut().zip(all) {
-            *place = Some(reading);
+        let sides = [Some(*prior), prior.other_side()];
+        for (side, readings) in sides
+            .iter()
+            .flatten()
+            .zip(readings.chunks_mut(ERRORS.len()))
+        {
+            let mut start = PoseState::new(side, rotation)?;
+            for (error, reading) in ERRORS.iter().zip(readings) {
+                let prior = side.with_error(error);
+                let found = prior.and_then(|prior| {
+                    let state = self.fit(names, &prior, start, frame, matches)?;
+                    let cost = state.ln_evidence_cost(&prior)? - 2.0 * error.share.ln();
+                    Some(Reading { state, prior, cost })
+                });
+                // Each begins where the one before ended.
+                start = found.as_ref().map_or(start, |found| found.state);
+                *reading = found;
+            }
         }
         let cost = |r: &Option<Reading>| r.as_ref().map_or(f64::INFINITY, |r| r.cost);
         readings.sort_unstable_by(|a, b| cost(a).total_cmp(&cost(b)));

@@ -101,6 +101,7 @@ pub(crate) struct Refiner {
 type Equations = Normal<PARAMETERS>;
 
 /// Where the iteration stands.
+#[derive(Clone, Copy)]
 struct PoseState {
     camera: Camera,
     view: BallView,
@@ -115,6 +116,19 @@ struct PoseState {
 }
 
 impl PoseState {
+    /// At the outline of a prior.
+    fn new(prior: &Prior, rotation: &Rotation) -> Option<Self> {
+        Some(Self {
+            camera: prior.start,
+            view: BallView::new(&prior.start, prior.outline.circle).ok()?,
+            rotation: *rotation,
+            information: SMatrix::zeros(),
+            placement: 1.0,
+            cost: f64::INFINITY,
+            ln_spread: 0.0,
+        })
+    }
+
     /// Takes a step.
     fn go(&mut self, step: &SVector<f64, PARAMETERS>, prior: &Prior) -> Option<()> {
         let turn = step.fixed_rows::<3>(0).into_owned();
@@ -226,11 +240,15 @@ impl Refiner {
         frame: &FrameEstimate,
     ) -> f64 {
         let mut matches: Vec<Match> = named(frame).collect();
-        let Some(mut state) = self.fit(names, prior, rotation, frame, &matches) else {
+        let fit = |rotation: &Rotation, matches: &[Match]| {
+            let start = PoseState::new(prior, rotation)?;
+            self.fit(names, prior, start, frame, matches)
+        };
+        let Some(mut state) = fit(rotation, &matches) else {
             return 0.0;
         };
         if self.rename(names, &state, frame, &mut matches)
-            && let Some(again) = self.fit(names, prior, &state.rotation, frame, &matches)
+            && let Some(again) = fit(&state.rotation, &matches)
         {
             state = again;
         }
@@ -255,11 +273,12 @@ impl Refiner {
         ViewEvidence::new(&seen.information, &seen.gradient, expected, prior.axis)
     }
 
+    /// From where an iteration stands to the minimum under a prior.
     fn fit(
         &self,
         names: &[Vec3],
         prior: &Prior,
-        rotation: &Rotation,
+        mut state: PoseState,
         frame: &FrameEstimate,
         matches: &[Match],
     ) -> Option<PoseState> {
@@ -267,15 +286,6 @@ impl Refiner {
             return None;
         }
         let of_outline = prior.outline.covariance.try_inverse()?;
-        let mut state = PoseState {
-            camera: prior.start,
-            view: BallView::new(&prior.start, prior.outline.circle).ok()?,
-            rotation: *rotation,
-            information: SMatrix::zeros(),
-            placement: 1.0,
-            cost: f64::INFINITY,
-            ln_spread: 0.0,
-        };
         for _ in 0..STEPS {
             let mut equations = prior.equations(&of_outline, &state.view);
             let known = equations.information;
