@@ -67,7 +67,7 @@ fn a_rigs_clip_becomes_fictracs_file() {
         let turn = Vec3::new(turn.x, -turn.y, -turn.z);
         let found = Vec3::from_column_slice(&row[1..4]);
         assert!((found - turn).norm() < 0.02, "row {k}: {found}, {turn}");
-        assert!(row[4] > 0.0 && row[4] < 0.02, "row {k}: error {}", row[4]);
+        assert!(row[4] > 0.0 && row[4] < 0.03, "row {k}: error {}", row[4]);
         // Behind the animal: forward is its front, right its right, down is down.
         assert!((row[5] - found.z).abs() < 1e-9 && (row[6] - found.x).abs() < 1e-9);
         assert!((row[7] - found.y).abs() < 1e-9);
