@@ -298,6 +298,7 @@ mod tests {
         assert!((sign_test(3, 7) + sign_test(8, 2) - 1.0).abs() < 1e-12);
     }
 
+    #[cfg(feature = "vision")]
     #[test]
     fn the_reach_is_that_of_the_usual_tables() {
         assert!((normal_reach(0.05) - Z95).abs() < 1e-12);

@@ -6,6 +6,7 @@
 //!
 //! Readings are compared by Laplace's approximation of their evidence, `-2 ln p = cost + sum ln det S + ln det C + ln det H`, of the dots'
 //! covariances `S`, the outline's `C` and the information `H` at the minimum (D. MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28).
+//! The covariance is that of their mixture, about the best.
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 
@@ -85,7 +86,9 @@ impl Refiner {
             .flatten()
             .zip(readings.chunks_mut(ERRORS.len()))
         {
-            let mut start = PoseState::new(side, rotation)?;
+            let Some(mut start) = PoseState::new(side, rotation) else {
+                continue;
+            };
             for (error, reading) in ERRORS.iter().zip(readings) {
                 let prior = side.with_error(error);
                 let found = prior.and_then(|prior| {
@@ -159,5 +162,127 @@ impl PoseState {
             drawn_out.x,
             drawn_out.y,
         ])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix2;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::*;
+    use crate::geometry::{random_rotation, spiral_directions};
+    use crate::vision::dots::detector::DotDetection;
+    use crate::vision::frame::config::EstimatorConfig;
+    use crate::vision::frame::outline::{Outline, OutlineSource};
+    use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
+    use crate::vision::pose::refine::Refined;
+
+    const RADIUS: f64 = 60.0;
+    const OUTLINE_PX: f64 = 0.2;
+    const DOTS_PX: f64 = 0.1;
+    /// 95 % of squared distances in three dimensions are below.
+    const CHI2_95: f64 = 7.815;
+
+    fn normal(sigma: f64, rng: &mut ChaCha8Rng) -> f64 {
+        sigma * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, rng)
+    }
+
+    /// The error, degrees, and its squared distance, of a ball whose outline is off by so many pixels besides what it states.
+    fn refined(off: [f64; 3], source: OutlineSource, rng: &mut ChaCha8Rng) -> (f64, f64, Refined) {
+        let names: Vec<Vec3> = spiral_directions(20).collect();
+        let rotation = random_rotation(rng);
+        let circle = BallCircle::new(Pixel { u: 80.0, v: 80.0 }, RADIUS);
+        let view = BallView::new(&Camera::Orthographic, circle).expect("a view");
+        let mut frame = FrameEstimate::default();
+        for (name, dot) in names.iter().enumerate() {
+            let turned = rotation * dot;
+            if turned.z < 0.35 {
+                continue;
+            }
+            let at = view.project(&turned);
+            frame.dots.push(DotDetection {
+                pixel: Pixel {
+                    u: at.u + normal(DOTS_PX, rng),
+                    v: at.v + normal(DOTS_PX, rng),
+                },
+                covariance: Matrix2::from_diagonal_element(DOTS_PX * DOTS_PX),
+                probability: 1.0,
+            });
+            frame.assignment.push(Some(name as u16));
+        }
+        let [u, v, radius] = off.map(|off| off + normal(OUTLINE_PX, rng));
+        let found = BallCircle::new(
+            Pixel {
+                u: 80.0 + u,
+                v: 80.0 + v,
+            },
+            RADIUS + radius,
+        );
+        let prior = Prior {
+            outline: Outline {
+                circle: found,
+                covariance: Matrix3::from_diagonal_element(OUTLINE_PX * OUTLINE_PX),
+                source,
+            },
+            camera: CameraModel::Known(Camera::Orthographic),
+            start: Camera::Orthographic,
+            drawn: Drawn::AsSeen,
+            axis: None,
+        };
+        let refiner = Refiner::new(&EstimatorConfig::default(), 0.02);
+        let mut matches = Vec::new();
+        let found = refiner
+            .refine(&names, &prior, &rotation, &mut frame, &mut matches)
+            .expect("enough dots");
+        let error = (rotation * found.rotation.inverse()).scaled_axis();
+        let inverse = found.covariance.try_inverse().expect("regular");
+        let squared = error.dot(&(inverse * error));
+        (error.norm().to_degrees(), squared, found)
+    }
+
+    fn median(mut values: Vec<f64>) -> f64 {
+        crate::stats::median(&mut values)
+    }
+
+    #[test]
+    fn dots_correct_an_outline_that_is_astray() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(6_420_001);
+        let errors = |source, rng: &mut ChaCha8Rng| {
+            let trials = (0..40).map(|_| refined([3.0, -2.0, -4.0], source, rng));
+            let (errors, radii): (Vec<_>, Vec<_>) = trials
+                .map(|(error, _, found)| (error, (found.view.circle().radius - RADIUS).abs()))
+                .unzip();
+            (median(errors), median(radii))
+        };
+        let (error, radius) = errors(OutlineSource::Detected, rng);
+        assert!(error < 0.5 && radius < 0.5, "{error} deg, {radius} px");
+        // One that is given is believed.
+        let (error, radius) = errors(OutlineSource::Given, rng);
+        assert!(error > 1.0 && radius > 1.0, "{error} deg, {radius} px");
+    }
+
+    /// Outlines as often astray as measured, and all as they state.
+    #[test]
+    fn regions_hold_whether_outlines_are_astray_or_not() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(6_420_002);
+        for is_mixed in [true, false] {
+            let count = 300;
+            let within = (0..count).filter(|_| {
+                let mut share = rng.random::<f64>();
+                let error = ERRORS.iter().find(|error| {
+                    share -= error.share;
+                    share < 0.0
+                });
+                let radii = error.filter(|_| is_mixed).map_or(0.0, |e| e.radii);
+                let off = [(); 3].map(|()| normal(radii * RADIUS, rng));
+                refined(off, OutlineSource::Detected, rng).1 < CHI2_95
+            });
+            let within = within.count();
+            // 95 % of 300, less three deviations; more where all are as they state: dots may be drawn worse than they are.
+            assert!(within >= 273, "{within} of {count}, {is_mixed}");
+        }
     }
 }
