@@ -383,7 +383,12 @@ fn between(a: &BallCircle, b: &BallCircle, share: f64) -> BallCircle {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Matrix3;
+
     use super::*;
+    use crate::geometry::Vec3;
+    use crate::vision::frame::estimate::{FrameEstimate, Pose};
+    use crate::vision::optics::camera::Pixel;
 
     #[test]
     fn the_cheapest_assignment_together_is_taken() {
@@ -401,5 +406,38 @@ mod tests {
             .collect();
         let expected: Vec<_> = (0..9).rev().map(Some).collect();
         assert_eq!(assign(&many, 9), expected);
+    }
+    /// Two balls that meet in one place: each keeps its number by how it turns.
+    #[test]
+    fn balls_that_meet_are_told_apart_by_their_turns() {
+        let ball = |u: f64, angle: f64| {
+            let pose = Pose {
+                rotation: Rotation::from_scaled_axis(Vec3::x() * angle),
+                covariance: Matrix3::from_diagonal_element(1e-4),
+                dots_confidence: 0.99,
+                confidence: 0.99,
+                residual_rad: 0.01,
+                residual_px: 0.3,
+                distance: None,
+                view: None,
+                position: None,
+                hinted: false,
+            };
+            let frame = FrameEstimate {
+                circle: Some(BallCircle::new(Pixel { u, v: 50.0 }, 20.0)),
+                outcome: Ok(pose),
+                ..FrameEstimate::default()
+            };
+            BallEstimate::of(frame, 0)
+        };
+        // One turns to and the other fro; they move toward each other.
+        let pair = |k: f64| [ball(100.0 + k, 0.2 * k), ball(114.0 - k, 2.0 - 0.2 * k)];
+        let mut tracks = BallTracks::new(SpinConfig::default());
+        for k in 0..7 {
+            let k = f64::from(k);
+            assert_eq!(tracks.update(0.01 * k, &pair(k)), [Some(0), Some(1)]);
+        }
+        let [one, other] = pair(7.0);
+        assert_eq!(tracks.update(0.07, &[other, one]), [Some(1), Some(0)]);
     }
 }

@@ -464,3 +464,20 @@ impl StrobeHypothesis {
         self.spin.as_ref().ok().map(|(fit, _)| fit.motion.spin)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_leaves_a_straight_path_counts_along_both_axes() {
+        let at = |time: f64, u: f64, v: f64| (time, [u, v]);
+        // Off the line v = 1/3 by -1/3, 2/3, -1/3; then the same along u.
+        let (velocity, squares) =
+            straight(&[at(0.0, 0.0, 0.0), at(1.0, 2.0, 1.0), at(2.0, 4.0, 0.0)]);
+        assert!((velocity[0] - 2.0).abs() < 1e-12 && velocity[1].abs() < 1e-12);
+        assert!((squares - 2.0 / 3.0).abs() < 1e-12, "{squares}");
+        let (_, squares) = straight(&[at(0.0, 0.0, 0.0), at(1.0, 1.0, 2.0), at(2.0, 0.0, 4.0)]);
+        assert!((squares - 2.0 / 3.0).abs() < 1e-12, "{squares}");
+    }
+}

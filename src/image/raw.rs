@@ -334,3 +334,21 @@ impl Sample for u16 {
 
 static GRAYS: std::sync::LazyLock<[f32; 256]> =
     std::sync::LazyLock::new(|| std::array::from_fn(|k| luma([(k as u8).unit(); 3])));
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_sample_is_white() {
+        for pixel in RawPixel::ALL {
+            let bytes = vec![u8::MAX; pixel.channels()];
+            let words = vec![u16::MAX; pixel.channels()];
+            for samples in [RawSamples::Eight(&bytes), RawSamples::Sixteen(&words)] {
+                let image = RawImage::new(1, 1, pixel, samples).expect("one pixel");
+                let gray = image.to_gray().row(0, 0, 1)[0];
+                assert!((gray - 1.0).abs() < 1e-6, "{pixel:?}: {gray}");
+            }
+        }
+    }
+}

@@ -151,6 +151,21 @@ mod tests {
         assert_eq!(merged.spread(&[7, 8, 9]), [7, 8, 8, 9]);
     }
 
+    /// Each by the inverse of its variance.
+    #[test]
+    fn of_two_that_agree_the_more_exact_counts_more() {
+        let exact = Measurement {
+            sigma_scale: 0.5,
+            ..at(1.0, 0.115, 0.9)
+        };
+        let given = [at(1.0, 0.1, 0.9), exact];
+        let merged = Merged::of(&given, 0.01);
+        let both = merged.measurements[0];
+        let angle = both.orientation.scaled_axis().x;
+        assert!((angle - 0.112).abs() < 1e-12, "{angle}");
+        assert!((both.sigma_scale - 5f64.powf(-0.5)).abs() < 1e-12);
+    }
+
     #[test]
     fn of_two_that_disagree_the_surer_remains_at_its_odds() {
         let given = [at(1.0, 0.1, 0.6), at(1.0, 2.0, 0.9)];

@@ -190,6 +190,20 @@ mod tests {
         sigma * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, rng)
     }
 
+    fn prior_of(circle: BallCircle, source: OutlineSource) -> Prior {
+        Prior {
+            outline: Outline {
+                circle,
+                covariance: Matrix3::from_diagonal_element(OUTLINE_PX * OUTLINE_PX),
+                source,
+            },
+            camera: CameraModel::Known(Camera::Orthographic),
+            start: Camera::Orthographic,
+            drawn: Drawn::AsSeen,
+            axis: None,
+        }
+    }
+
     /// The error, degrees, and its squared distance, of a ball whose outline is off by so many pixels besides what it states.
     fn refined(off: [f64; 3], source: OutlineSource, rng: &mut ChaCha8Rng) -> (f64, f64, Refined) {
         let names: Vec<Vec3> = spiral_directions(20).collect();
@@ -221,17 +235,7 @@ mod tests {
             },
             RADIUS + radius,
         );
-        let prior = Prior {
-            outline: Outline {
-                circle: found,
-                covariance: Matrix3::from_diagonal_element(OUTLINE_PX * OUTLINE_PX),
-                source,
-            },
-            camera: CameraModel::Known(Camera::Orthographic),
-            start: Camera::Orthographic,
-            drawn: Drawn::AsSeen,
-            axis: None,
-        };
+        let prior = prior_of(found, source);
         let refiner = Refiner::new(&EstimatorConfig::default(), 0.02);
         let mut matches = Vec::new();
         let found = refiner
@@ -262,6 +266,31 @@ mod tests {
         // One that is given is believed.
         let (error, radius) = errors(OutlineSource::Given, rng);
         assert!(error > 1.0 && radius > 1.0, "{error} deg, {radius} px");
+    }
+
+    /// By the share that another reading has beside the best.
+    #[test]
+    fn what_another_reading_leaves_open_widens_the_covariance() {
+        let circle = BallCircle::new(Pixel { u: 80.0, v: 80.0 }, RADIUS);
+        let prior = prior_of(circle, OutlineSource::Detected);
+        let at_outline = PoseState::new(&prior, &Rotation::identity()).expect("a view");
+        let best = PoseState {
+            information: SMatrix::identity() * 1e4,
+            ..at_outline
+        };
+        let other = PoseState {
+            rotation: Rotation::from_scaled_axis(Vec3::z() * 0.1),
+            ..best
+        };
+        for (cost, share) in [(0.0, 0.5), (2.0 * 4f64.ln(), 0.2), (20.0, 0.0)] {
+            let read = |state, cost| Some(Reading { state, prior, cost });
+            let found = covariance(&[read(best, 0.0), read(other, cost)]).expect("regular");
+            assert!(
+                (found[(2, 2)] - 1e-4 - share * 0.01).abs() < 1e-9,
+                "{found}"
+            );
+            assert!((found[(0, 0)] - 1e-4).abs() < 1e-9, "{found}");
+        }
     }
 
     /// Outlines as often astray as measured, and all as they state.
