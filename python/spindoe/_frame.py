@@ -165,15 +165,6 @@ class Camera:
         cx, cy = across * (cx + 0.5) - 0.5, down * (cy + 0.5) - 0.5
         return Camera._of(self.kind, across * fx, down * fy, cx, cy, across * skew, *lens, size=wanted)
 
-    def _check_all(self, frames: Sequence[Any]) -> None:
-        """The same of the frames of a clip."""
-        known: set[tuple[int, ...]] = set()
-        for k, frame in enumerate(frames):
-            size = tuple(getattr(frame, "shape", ())[:2])
-            if size not in known:
-                self._check(f"images[{k}]", frame)
-                known.add(size)
-
     def _check(self, name: str, image: Any) -> None:
         """Refuses an image of another size than that of the intrinsics; without that, warns where their numbers look like those of
         another."""
@@ -190,6 +181,15 @@ class Camera:
                 f"{name}: expected {self.size[0]} x {self.size[1]} pixels, which the camera's intrinsics are of, found "
                 f"{width} x {height}: camera.for_image({width}, {height}) scales them"
             )
+
+    def _check_all(self, frames: Sequence[Any]) -> None:
+        """The same of the frames of a clip."""
+        known: set[tuple[int, ...]] = set()
+        for k, frame in enumerate(frames):
+            size = tuple(getattr(frame, "shape", ())[:2])
+            if size not in known:
+                self._check(f"images[{k}]", frame)
+                known.add(size)
 
     @property
     def has_intrinsics(self) -> bool:

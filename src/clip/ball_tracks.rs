@@ -407,6 +407,7 @@ mod tests {
         let expected: Vec<_> = (0..9).rev().map(Some).collect();
         assert_eq!(assign(&many, 9), expected);
     }
+
     /// Two balls that meet in one place: each keeps its number by how it turns.
     #[test]
     fn balls_that_meet_are_told_apart_by_their_turns() {

@@ -125,9 +125,8 @@ pub struct EstimatorWorkspace {
     pub(crate) matches: Vec<Match>,
     pub(crate) caps: CapFitter,
     pub(crate) rim: RimFitter,
-    /// The dots of a pose and their names, before they are sharpened.
+    /// The dots of a frame, before those of a pose by its pixels take their place.
     pub(crate) detected: Vec<DotDetection>,
-    pub(crate) named: Vec<Option<u16>>,
 }
 
 /// Standard deviation per tangent axis of what a measured dot's middle does beyond its covariance, radians:
@@ -279,7 +278,6 @@ impl Estimator {
             caps: CapFitter::default(),
             rim: RimFitter::default(),
             detected: Vec::with_capacity(EXPECTED_DOTS),
-            named: Vec::with_capacity(EXPECTED_DOTS),
         }
     }
 

@@ -64,44 +64,45 @@ impl Estimator {
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<Outline> {
-        ws.detected.clone_from(&out.dots);
-        ws.named.clone_from(&out.assignment);
         let outline = out.outline.map(|outline| outline.circle);
         out.axis =
             outline.and_then(|circle| Axis::of_picture(image.width(), image.height(), &circle));
         let found = out.circle;
-        let seen = self.place_by_pixels(image, ws, out);
-        let refined = seen.and_then(|rim| self.refine_sharpened(pose, rim, ws, out));
-        if refined.is_none() {
-            out.dots.clone_from(&ws.detected);
-            out.assignment.clone_from(&ws.named);
-            out.blurs.clear();
-            return seen.flatten();
-        }
+        let rim = match self.sharpen_once(pose, image, ws, out) {
+            Ok(rim) => rim,
+            Err(rim) => return rim,
+        };
         let both = found.zip(out.circle);
-        match both.is_some_and(|(from, to)| is_far(&from, &to)) {
-            true => self.sharpen_astray(pose, image, ws, out),
-            false => seen.flatten(),
+        if !both.is_some_and(|(from, to)| is_far(&from, &to)) {
+            return rim;
         }
+        // The dots have shown that the outline was not the ball's: dots and rim are read about the ball.
+        let oval = out.oval;
+        self.sharpen_once(pose, image, ws, out).unwrap_or_else(|_| {
+            out.oval = oval;
+            None
+        })
     }
 
-    /// The same once more, where the dots have shown that the outline was not the ball's: dots and rim are read about the ball.
-    fn sharpen_astray(
+    /// Reads dots and rim in the image, and refines the pose on them; the rim. An error where the pose cannot be refined: then the frame
+    /// stays as it was, but for what the rim says.
+    fn sharpen_once(
         &self,
         pose: &Pose,
         image: ImageView<'_>,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
-    ) -> Option<Outline> {
-        let mut first = std::mem::take(&mut ws.within);
-        first.copy_from(out);
+    ) -> Result<Option<Outline>, Option<Outline>> {
+        let mut before = std::mem::take(&mut ws.within);
+        before.copy_from(out);
         let seen = self.place_by_pixels(image, ws, out);
         let refined = seen.and_then(|rim| self.refine_sharpened(pose, rim, ws, out));
         if refined.is_none() {
-            std::mem::swap(&mut first, out);
+            std::mem::swap(&mut before, out);
+            out.oval = before.oval;
         }
-        ws.within = first;
-        refined.and(seen).flatten()
+        ws.within = before;
+        refined.map(|()| seen.flatten()).ok_or(seen.flatten())
     }
 
     /// The outline by the image's rim, where it was found and is clear, of a frame without a pose whose camera is known.

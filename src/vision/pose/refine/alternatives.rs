@@ -43,11 +43,19 @@ struct OutlineError {
 }
 
 /// A reading of the outline.
-struct Reading {
-    state: PoseState,
-    prior: Prior,
+#[derive(Clone, Copy)]
+pub(super) struct Reading {
+    pub state: PoseState,
+    pub prior: Prior,
     /// Minus two logarithms of its evidence.
     cost: f64,
+}
+
+/// All readings that could be fitted.
+pub(super) struct Readings {
+    /// The likeliest.
+    pub best: Reading,
+    all: [Option<Reading>; MAX_READINGS],
 }
 
 impl Prior {
@@ -70,22 +78,18 @@ impl Prior {
 }
 
 impl Refiner {
-    /// The fit under the reading that has most evidence, with the covariance of all, and the reading.
-    pub(super) fn fit_best(
+    /// Fits the dots under each reading of the outline.
+    pub(super) fn read(
         &self,
         names: &[Vec3],
         prior: &Prior,
         rotation: &Rotation,
         frame: &FrameEstimate,
         matches: &[Match],
-    ) -> Option<(PoseState, Prior)> {
-        let mut readings: [Option<Reading>; MAX_READINGS] = Default::default();
+    ) -> Option<Readings> {
+        let mut all: [Option<Reading>; MAX_READINGS] = Default::default();
         let sides = [Some(*prior), prior.other_side()];
-        for (side, readings) in sides
-            .iter()
-            .flatten()
-            .zip(readings.chunks_mut(ERRORS.len()))
-        {
+        for (side, readings) in sides.iter().flatten().zip(all.chunks_mut(ERRORS.len())) {
             let Some(mut start) = PoseState::new(side, rotation) else {
                 continue;
             };
@@ -101,37 +105,27 @@ impl Refiner {
                 *reading = found;
             }
         }
-        let cost = |r: &Option<Reading>| r.as_ref().map_or(f64::INFINITY, |r| r.cost);
-        readings.sort_unstable_by(|a, b| cost(a).total_cmp(&cost(b)));
-        let covariance = covariance(&readings)?;
-        let [
-            Some(Reading {
-                mut state, prior, ..
-            }),
-            ..,
-        ] = readings
-        else {
-            return None;
-        };
-        state.information = covariance.try_inverse()?;
-        Some((state, prior))
+        let found = all.iter().flatten();
+        let best = found.min_by(|a, b| a.cost.total_cmp(&b.cost)).copied()?;
+        Some(Readings { best, all })
     }
 }
 
-/// The covariance about the first reading, the likeliest: that of each, and how far it is off.
-fn covariance(readings: &[Option<Reading>]) -> Option<SMatrix<f64, PARAMETERS, PARAMETERS>> {
-    let best = readings.first()?.as_ref()?;
-    let (mut sum, mut total) = (SMatrix::zeros(), 0.0);
-    for Reading { state, cost, .. } in readings.iter().flatten() {
-        let share = (0.5 * (best.cost - cost)).exp();
-        if share < LEAST_SHARE {
-            break;
+impl Readings {
+    /// The covariance about the likeliest: that of each, and how far it is off.
+    pub fn covariance(&self) -> Option<SMatrix<f64, PARAMETERS, PARAMETERS>> {
+        let (mut sum, mut total) = (SMatrix::zeros(), 0.0);
+        for Reading { state, cost, .. } in self.all.iter().flatten() {
+            let share = (0.5 * (self.best.cost - cost)).exp();
+            if share < LEAST_SHARE {
+                continue;
+            }
+            let off = state.off(&self.best.state);
+            sum += (state.information.try_inverse()? + off * off.transpose()) * share;
+            total += share;
         }
-        let off = state.off(&best.state);
-        sum += (state.information.try_inverse()? + off * off.transpose()) * share;
-        total += share;
+        Some(sum / total)
     }
-    Some(sum / total)
 }
 
 impl PoseState {
@@ -283,8 +277,11 @@ mod tests {
             ..best
         };
         for (cost, share) in [(0.0, 0.5), (2.0 * 4f64.ln(), 0.2), (20.0, 0.0)] {
-            let read = |state, cost| Some(Reading { state, prior, cost });
-            let found = covariance(&[read(best, 0.0), read(other, cost)]).expect("regular");
+            let read = |state, cost| Reading { state, prior, cost };
+            let best = read(best, 0.0);
+            let mut all = [None; MAX_READINGS];
+            (all[0], all[1]) = (Some(read(other, cost)), Some(best));
+            let found = Readings { best, all }.covariance().expect("regular");
             assert!(
                 (found[(2, 2)] - 1e-4 - share * 0.01).abs() < 1e-9,
                 "{found}"

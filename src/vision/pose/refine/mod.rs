@@ -12,6 +12,7 @@ mod prior;
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
+use self::alternatives::Reading;
 pub(crate) use self::placement::Placement;
 use self::placement::{Misfit, Spread, misfit};
 use self::prior::bounded;
@@ -182,10 +183,16 @@ impl Refiner {
     ) -> Option<Refined> {
         matches.clear();
         matches.extend(named(frame));
-        let (mut state, mut reading) = self.fit_best(names, prior, rotation, frame, matches)?;
-        if self.rename(names, &state, frame, matches) {
-            (state, reading) = self.fit_best(names, prior, &state.rotation, frame, matches)?;
+        let mut readings = self.read(names, prior, rotation, frame, matches)?;
+        let found = &readings.best.state;
+        if self.rename(names, found, frame, matches) {
+            readings = self.read(names, prior, &found.rotation, frame, matches)?;
         }
+        let Reading {
+            state,
+            prior: reading,
+            ..
+        } = &readings.best;
         frame.assignment.fill(None);
         let (mut angles, mut distances) = (0.0, 0.0);
         for m in &*matches {
@@ -198,7 +205,7 @@ impl Refiner {
             }
         }
         let count = matches.len() as f64;
-        let covariance = state.information.try_inverse()?;
+        let covariance = readings.covariance()?;
         let joint = covariance.fixed_view::<6, 6>(0, 0).into_owned();
         let placed = position::of_pose(&state.view, &joint, self.ball_radius_m);
         let (position, of_rotation) = match placed {
@@ -224,7 +231,7 @@ impl Refiner {
                     sigma: 0.0,
                 }),
             },
-            evidence: self.evidence(names, &reading, &state, frame, matches),
+            evidence: self.evidence(names, reading, state, frame, matches),
             residual_rad: (angles / count).sqrt(),
             residual_px: (distances / count).sqrt(),
         })
