@@ -62,23 +62,7 @@ def read_trajectories(
 def read_image(path: _Path, bytes: bytes | None) -> NDArray[np.uint16]: ...
 def shipped_designs() -> list[tuple[str, Pattern]]: ...
 def onnx_bytes(head: str, weights: _Path | None) -> bytes: ...
-def fit_spin(
-    times_s: _Floats,
-    quaternions: _Floats,
-    confidences: _Floats | None,
-    residuals_rad: _Floats | None,
-    matched: _Ints | None,
-    covariances: _Floats | None,
-    view_turns: _Floats | None,
-    frame: str,
-    method: str,
-    model: str,
-    at_s: float | None,
-    max_rps: float,
-    sigma_rad: float,
-    prior: tuple[float, float] | None,
-    quatera: tuple[int, int, float, int] | None,
-) -> _Spin | str: ...
+def fit_spin(rows: dict[str, Any], asked: dict[str, Any]) -> _Spin | str: ...
 def write_dataset(
     clips: list[_Path],
     estimators: list[Estimator],

@@ -291,20 +291,24 @@ def fit_spin(
         raise ValueError(f"order: expected wxyz or xyzw, found {order!r}")
     return spin_of(
         _native.fit_spin(
-            floats("times_s", times_s),
-            quaternions,
-            None if confidences is None else floats("confidences", confidences),
-            None if residuals_rad is None else floats("residuals_rad", residuals_rad),
-            None if matched is None else np.asarray(matched, dtype=np.int64),
-            None if covariances_rad2 is None else floats("covariances_rad2", covariances_rad2),
-            None if view_turns_rad is None else floats("view_turns_rad", view_turns_rad),
-            frame,
-            method,
-            model,
-            None if at_s is None else float(at_s),
-            float(max_rps),
-            float(sigma_rad),
-            prior_rps,
-            None,
+            {
+                "times_s": floats("times_s", times_s),
+                "quaternions": quaternions,
+                "confidences": None if confidences is None else floats("confidences", confidences),
+                "residuals_rad": None if residuals_rad is None else floats("residuals_rad", residuals_rad),
+                "matched": None if matched is None else np.asarray(matched, dtype=np.int64),
+                "covariances_rad2": None if covariances_rad2 is None else floats("covariances_rad2", covariances_rad2),
+                "view_turns_rad": None if view_turns_rad is None else floats("view_turns_rad", view_turns_rad),
+            },
+            {
+                "frame": frame,
+                "method": method,
+                "model": model,
+                "at_s": None if at_s is None else float(at_s),
+                "max_rps": float(max_rps),
+                "sigma_rad": float(sigma_rad),
+                "prior_rps": prior_rps,
+            },
         )
+    )
     )

@@ -274,21 +274,16 @@ class SpinRegressor:
             raise ValueError(f"rots: expected one for each of {len(times)} times, found {len(rots)}")
         quaternions = np.array([rot.as_quat() for rot in rots]).reshape(-1, 4)
         return times, _native.fit_spin(
-            times,
-            np.roll(quaternions, 1, axis=1),
-            None,
-            None,
-            None,
-            None,
-            None,
-            "camera",
-            self.method,
-            "constant",
-            times[0] if len(times) else None,
-            self.max_rps,
-            math.radians(2.0),
-            None,
-            (self.n, self.k, self.t, self.d + 1),
+            {"times_s": times, "quaternions": np.roll(quaternions, 1, axis=1)},
+            {
+                "frame": "camera",
+                "method": self.method,
+                "model": "constant",
+                "at_s": times[0] if len(times) else None,
+                "max_rps": self.max_rps,
+                "sigma_rad": math.radians(2.0),
+                "quatera": (self.n, self.k, self.t, self.d + 1),
+            },
         )
 
     def RANSAC_regress(  # noqa: N802 (their name)

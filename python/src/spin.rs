@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 use numpy::ndarray::{Array2, ArrayViewD, arr1};
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use spindoe::Vec3;
 use spindoe::geometry::{CameraFrame, to_wxyz, turned_covariance};
@@ -312,160 +312,192 @@ pub fn in_axes<'py>(
     ))
 }
 
-/// The spin of time-stamped orientations, or the reason why there is none. Rows of NaN are frames
-/// without an orientation; the other columns are then not read. The residuals show each frame's
-/// noise and the errors that frames share, covariances and turns of the view frame more exactly, as in a file of orientations.
-#[pyfunction]
-#[pyo3(signature = (
-    times_s, quaternions, confidences, residuals_rad, matched, covariances, view_turns, frame, method, model, at_s, max_rps,
-    sigma_rad, prior, quatera
-))]
-#[allow(clippy::too_many_arguments)]
-pub fn fit_spin<'py>(
-    py: Python<'py>,
+/// Time-stamped orientations, by Python's keywords. Rows of NaN are frames without an orientation; the other columns are then not read.
+/// The residuals show each frame's noise and the errors that frames share, covariances and turns of the view frame more exactly, as in
+/// a file of orientations.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct GivenRows<'py> {
     times_s: Numbers<'py>,
-    quaternions: PyReadonlyArrayDyn<'py, f64>,
+    quaternions: Numbers<'py>,
+    #[pyo3(default)]
     confidences: Option<Numbers<'py>>,
-    residuals_rad: Option<PyReadonlyArrayDyn<'py, f64>>,
+    #[pyo3(default)]
+    residuals_rad: Option<Numbers<'py>>,
+    #[pyo3(default)]
     matched: Option<PyReadonlyArrayDyn<'py, i64>>,
-    covariances: Option<Numbers<'py>>,
-    view_turns: Option<Numbers<'py>>,
-    frame: &str,
-    method: &str,
-    model: &str,
+    #[pyo3(default)]
+    covariances_rad2: Option<Numbers<'py>>,
+    #[pyo3(default)]
+    view_turns_rad: Option<Numbers<'py>>,
+}
+
+impl GivenRows<'_> {
+    /// The number of rows.
+    fn check(&self) -> PyResult<usize> {
+        let count = require_orientations("quaternions", &self.times_s, &self.quaternions)?;
+        let rows = Some(count);
+        let numbers: [(&str, &Option<Numbers<'_>>, &[Option<usize>]); 3] = [
+            ("confidences", &self.confidences, &[rows]),
+            (
+                "covariances_rad2",
+                &self.covariances_rad2,
+                &[rows, Some(3), Some(3)],
+            ),
+            (
+                "view_turns_rad",
+                &self.view_turns_rad,
+                &[rows, Some(ViewTurn::NUMBERS)],
+            ),
+        ];
+        for (name, values, shape) in numbers {
+            if let Some(values) = values {
+                require_shape(name, values, shape)?;
+            }
+        }
+        let residuals = self.residuals_rad.as_ref().map(|r| r.shape());
+        let matched = self.matched.as_ref().map(|m| m.shape());
+        for (name, shape) in [("residuals_rad", residuals), ("matched", matched)] {
+            if let Some(shape) = shape.filter(|shape| *shape != [count]) {
+                let problem = format!("expected shape ({count},), found {shape:?}");
+                return Err(value_error(name, problem));
+            }
+        }
+        Ok(count)
+    }
+
+    /// As a file of orientations has them.
+    fn read(&self) -> PyResult<Orientations> {
+        let count = self.check()?;
+        let (times, quaternions) = (self.times_s.as_array(), self.quaternions.as_array());
+        let confidences = self.confidences.as_ref().map(|c| c.as_array());
+        let residuals = self.residuals_rad.as_ref().map(|r| r.as_array());
+        let matched = self.matched.as_ref().map(|m| m.as_array());
+        let covariances = self.covariances_rad2.as_ref().map(|c| c.as_array());
+        let turns = self.view_turns_rad.as_ref().map(|t| t.as_array());
+        let mut file = Orientations::default();
+        for i in 0..count {
+            let wxyz = [0, 1, 2, 3].map(|k| quaternions[[i, k]]);
+            if wxyz.iter().all(|x| x.is_nan()) {
+                continue;
+            }
+            let residual_rad = residuals.as_ref().map(|r| r[i]);
+            if let Some(residual) = residual_rad.filter(|r| !(*r >= 0.0 && r.is_finite())) {
+                let problem = format!("row {i}: expected an angle of 0 or more, found {residual}");
+                return Err(value_error("residuals_rad", problem));
+            }
+            let matched = matched.as_ref().map(|m| usize::try_from(m[i]));
+            let matched = matched.transpose().map_err(|_| {
+                let problem = format!("row {i}: expected 0 or more, found less");
+                value_error("matched", problem)
+            })?;
+            file.rows.push(OrientationRow {
+                time_s: times[i],
+                orientation: Some(rotation(&format!("quaternions: row {i}"), wxyz)?),
+                matched,
+                residual_rad,
+                confidence: confidences.as_ref().map(|c| c[i]),
+                covariance: covariances.as_ref().map(|c| covariance(c, i)).transpose()?,
+                turn: turns.as_ref().map(|t| view_turn(t, i)).transpose()?,
+                ..OrientationRow::default()
+            });
+        }
+        Ok(file)
+    }
+}
+
+/// What is asked of a spin, by Python's keywords.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct AskedSpin {
+    frame: String,
+    method: String,
+    model: String,
     at_s: Option<f64>,
     max_rps: f64,
     sigma_rad: f64,
-    prior: Option<(f64, f64)>,
+    #[pyo3(default)]
+    prior_rps: Option<(f64, f64)>,
+    /// Frames of a run, iterations, threshold and joining of the paper's method.
+    #[pyo3(default)]
     quatera: Option<(usize, usize, f64, usize)>,
+}
+
+impl AskedSpin {
+    fn config(&self, file: &Orientations) -> SpinConfig {
+        file.spin_config(SpinConfig {
+            max_rps: self.max_rps,
+            sigma_rad: self.sigma_rad,
+            prior: self
+                .prior_rps
+                .map(|(rps, std_rps)| MagnitudePrior { rps, std_rps }),
+            ..SpinConfig::default()
+        })
+    }
+
+    fn quatera(&self) -> QuateraConfig {
+        let defaults = QuateraConfig {
+            max_rps: self.max_rps,
+            ..QuateraConfig::default()
+        };
+        match self.quatera {
+            None => defaults,
+            Some((run, iterations, threshold, joining)) => QuateraConfig {
+                run,
+                iterations,
+                threshold,
+                joining,
+                ..defaults
+            },
+        }
+    }
+}
+
+/// The spin of time-stamped orientations, or the reason why there is none.
+#[pyfunction]
+pub fn fit_spin<'py>(
+    py: Python<'py>,
+    rows: GivenRows<'py>,
+    asked: AskedSpin,
 ) -> PyResult<Answer<Found<'py>>> {
-    let count = require_orientations("quaternions", &times_s, &quaternions)?;
-    if let Some(confidences) = &confidences {
-        require_shape("confidences", confidences, &[Some(count)])?;
-    }
-    if let Some(covariances) = &covariances {
-        require_shape(
-            "covariances_rad2",
-            covariances,
-            &[Some(count), Some(3), Some(3)],
-        )?;
-    }
-    if let Some(turns) = &view_turns {
-        require_shape(
-            "view_turns_rad",
-            turns,
-            &[Some(count), Some(ViewTurn::NUMBERS)],
-        )?;
-    }
-    let covariances = covariances.as_ref().map(|c| c.as_array());
-    let turns = view_turns.as_ref().map(|t| t.as_array());
-    let (times, rows) = (times_s.as_array(), quaternions.as_array());
-    let confidences = confidences.as_ref().map(|c| c.as_array());
-    let residuals = residuals_rad.as_ref().map(|r| r.as_array());
-    let matched = matched.as_ref().map(|m| m.as_array());
-    let lengths = [
-        ("residuals_rad", residuals.as_ref().map(|r| r.shape())),
-        ("matched", matched.as_ref().map(|m| m.shape())),
-    ];
-    for (name, shape) in lengths {
-        if let Some(shape) = shape.filter(|shape| *shape != [count]) {
-            let problem = format!("expected shape ({count},), found {shape:?}");
-            return Err(value_error(name, problem));
-        }
-    }
-    let mut file = Orientations::default();
-    for i in 0..count {
-        let wxyz = [0, 1, 2, 3].map(|k| rows[[i, k]]);
-        if wxyz.iter().all(|x| x.is_nan()) {
-            continue;
-        }
-        let residual_rad = residuals.as_ref().map(|r| r[i]);
-        if let Some(residual) = residual_rad.filter(|r| !(*r >= 0.0 && r.is_finite())) {
-            let problem = format!("row {i}: expected an angle of 0 or more, found {residual}");
-            return Err(value_error("residuals_rad", problem));
-        }
-        let matched = matched.as_ref().map(|m| usize::try_from(m[i]));
-        let matched = matched.transpose().map_err(|_| {
-            value_error(
-                "matched",
-                format!("row {i}: expected 0 or more, found less"),
-            )
-        })?;
-        file.rows.push(OrientationRow {
-            time_s: times[i],
-            orientation: Some(rotation(&format!("quaternions: row {i}"), wxyz)?),
-            matched,
-            residual_rad,
-            confidence: confidences.as_ref().map(|c| c[i]),
-            covariance: covariances.as_ref().map(|c| covariance(c, i)).transpose()?,
-            turn: turns.as_ref().map(|t| view_turn(t, i)).transpose()?,
-            ..OrientationRow::default()
-        });
-    }
+    let file = rows.read()?;
     let measurements = file.measurements();
-    let config = SpinConfig {
-        max_rps,
-        sigma_rad,
-        prior: prior.map(|(rps, std_rps)| MagnitudePrior { rps, std_rps }),
-        ..SpinConfig::default()
-    };
-    let config = file.spin_config(config);
-    let frame = camera_frame(frame)?;
-    let model: MotionModel = model.parse().or_raise()?;
-    let fitted = match method {
+    let config = asked.config(&file);
+    let frame = camera_frame(&asked.frame)?;
+    let model: MotionModel = asked.model.parse().or_raise()?;
+    let measured = measurements.clone();
+    // Of the paper's method those that its plane of the quaternions holds.
+    let (fitted, members) = match asked.method.as_str() {
         "robust" => {
-            let measured = measurements.clone();
-            abandonable(py, move |_| SpinEstimate::fit(&measured, model, &config))?
+            let fit = move |_| SpinEstimate::fit(&measured, model, &config);
+            (abandonable(py, fit)?, None)
         }
         "quatera" => {
             if !matches!(model, MotionModel::Auto | MotionModel::Constant) {
                 let problem = format!("expected constant with the method quatera, found {model}");
                 return Err(value_error("model", problem));
             }
-            let defaults = QuateraConfig::default();
-            let (run, iterations, threshold, joining) = quatera.unwrap_or((
-                defaults.run,
-                defaults.iterations,
-                defaults.threshold,
-                defaults.joining,
-            ));
-            let mut estimator = QuateraEstimator::new(QuateraConfig {
-                run,
-                iterations,
-                threshold,
-                joining,
-                max_rps,
-                ..defaults
-            });
-            let measured = measurements.clone();
-            let (found, members) = abandonable(py, move |_| {
+            let mut estimator = QuateraEstimator::new(asked.quatera());
+            abandonable(py, move |_| {
                 let found = estimator.fit(&measured);
                 let members = estimator.inliers().iter();
-                let members = members.map(|&is| f64::from(u8::from(is)));
-                (found, members.collect::<Vec<f64>>())
-            })?;
-            return match found {
-                Ok(fit) => {
-                    let estimate = SpinEstimate::of_constant(fit, &measurements);
-                    let mut found =
-                        estimate_tuple(py, &estimate, at_s, &measurements, frame, &config)?;
-                    // Its own, by the plane of the quaternions.
-                    found.7 = PyArray1::from_vec(py, members);
-                    Ok(Answer::Found(found))
-                }
-                Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),
-            };
+                let members: Vec<f64> = members.map(|&is| f64::from(u8::from(is))).collect();
+                let found = found.map(|fit| SpinEstimate::of_constant(fit, &measured));
+                (found, Some(members))
+            })?
         }
         other => {
             let problem = format!("expected robust or quatera, found {other:?}");
             return Err(value_error("method", problem));
         }
     };
-    match fitted {
-        Ok(estimate) => {
-            let found = estimate_tuple(py, &estimate, at_s, &measurements, frame, &config)?;
-            Ok(Answer::Found(found))
-        }
-        Err(rejection) => Ok(Answer::Rejected(spin_rejection(rejection)?)),
+    let estimate = match fitted {
+        Ok(estimate) => estimate,
+        Err(rejection) => return Ok(Answer::Rejected(spin_rejection(rejection)?)),
+    };
+    let mut found = estimate_tuple(py, &estimate, asked.at_s, &measurements, frame, &config)?;
+    if let Some(members) = members {
+        found.7 = PyArray1::from_vec(py, members);
     }
+    Ok(Answer::Found(found))
 }

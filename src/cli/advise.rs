@@ -11,8 +11,8 @@ use super::output::{Counter, quoted};
 use super::print_json;
 use crate::ball::Ball;
 use crate::camera::{
-    Advice, AdviceConfig, CameraTrials, ErrorRatio, ExposureTrials, FrameRates, RaceConfig, advise,
-    advise_exposures,
+    Advice, AdviceConfig, CameraTrials, ErrorRatio, ExposureAdvice, ExposureTrials, FrameRates,
+    RaceConfig, advise, advise_exposures,
 };
 use crate::error::Result;
 use crate::pattern::{NamedPattern, shipped_designs};
@@ -152,6 +152,17 @@ fn golf(arguments: &Arguments, patterns: &[NamedPattern], samples: u64) -> Resul
             "patterns": advice,
         }));
     }
+    print_golf_words(&advice, &trials, ball_mm, conditions.ball_px);
+    Ok(())
+}
+
+/// The rates of a launch monitor, and what to take.
+fn print_golf_words(
+    advice: &[ExposureAdvice],
+    trials: &ExposureTrials,
+    ball_mm: f64,
+    ball_px: f64,
+) {
     let ms: Vec<String> = trials
         .strobe
         .times_s
@@ -159,12 +170,11 @@ fn golf(arguments: &Arguments, patterns: &[NamedPattern], samples: u64) -> Resul
         .map(|s| format!("{:.3}", 1e3 * s))
         .collect();
     outln!(
-        "assumed: golf balls of {ball_mm} mm and {} pixels in infrared light, golf's spins, known intrinsics",
-        conditions.ball_px
+        "assumed: golf balls of {ball_mm} mm and {ball_px} pixels in infrared light, golf's spins, known intrinsics"
     );
     outln!(
         "seed {}; exposures with flashes at {} ms, others than those that chose:",
-        arguments.seed,
+        trials.seed,
         ms.join(", ")
     );
     outln!(
@@ -178,7 +188,7 @@ fn golf(arguments: &Arguments, patterns: &[NamedPattern], samples: u64) -> Resul
         "spin right",
         "error, rpm"
     );
-    for p in &advice {
+    for p in advice {
         let r = &p.rates;
         outln!(
             "{:12} {:>4} {:>5.1}% {:>9}  {:>24}  {:>20}  {:>24}  {:>10}",
@@ -197,7 +207,6 @@ fn golf(arguments: &Arguments, patterns: &[NamedPattern], samples: u64) -> Resul
     if let Some(best) = advice.first() {
         take(&best.name, best.dot_diameter, ball_mm);
     }
-    Ok(())
 }
 
 /// What is to be done with the best.

@@ -11,7 +11,7 @@ use super::spin_stretches::{self as stretches, Holding};
 use super::spin_summary;
 use crate::error::{Error, Result};
 use crate::files;
-use crate::geometry::CameraFrame;
+use crate::geometry::{CameraFrame, Rotation};
 use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
 use crate::spin::alias::AliasConfig;
 use crate::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
@@ -19,8 +19,8 @@ use crate::spin::orientations::{OrientationReader, Orientations};
 use crate::spin::quatera::{QuateraConfig, QuateraEstimator};
 use crate::spin::robust::{MagnitudePrior, SpinConfig};
 use crate::spin::summary::SpinSummary;
-use crate::spin::windows::spin_over_time;
-use crate::spin::{MIN_FRAMES, Measurement, SpinRejection};
+use crate::spin::windows::{WindowFit, spin_over_time};
+use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 
 /// Standard deviation of a prior magnitude where none is given, as a fraction of the magnitude.
 const PRIOR_SPREAD: f64 = 0.2;
@@ -207,6 +207,49 @@ impl Arguments {
         }
     }
 
+    /// The file's name, and the orientations of it that are asked for.
+    fn read(&self) -> Result<(PathBuf, Orientations)> {
+        let input = super::open_input(&self.orientations)?;
+        let mut reader = match self.fps {
+            None => OrientationReader::new(&input.name, input.reader)?,
+            Some(fps) => OrientationReader::at_rate(&input.name, input.reader, fps)?,
+        };
+        if let Some(number) = self.ball {
+            reader = reader.of_ball(number);
+        }
+        if let Some(frame) = &self.exposure {
+            reader = reader.of_exposure(frame);
+        }
+        let file = Orientations::collect(reader)?;
+        let lacking = |column, of: String| {
+            Error::input(
+                &input.name,
+                column,
+                format!("expected rows of {of}, found none"),
+            )
+        };
+        match (&self.exposure, self.ball) {
+            _ if !file.rows.is_empty() => Ok((input.name, file)),
+            (Some(frame), _) => Err(lacking("frame", frame.clone())),
+            (None, Some(number)) => Err(lacking("ball", format!("ball {number}"))),
+            (None, None) => Ok((input.name, file)),
+        }
+    }
+
+    /// Notes where the orientations are farther off the motion than expected.
+    fn doubt_noise(&self, fit: &Fit, motion: &Motion) {
+        let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
+        let expected = self
+            .orientation_sigma_deg
+            .unwrap_or_else(|| SpinConfig::default().sigma_rad.to_degrees());
+        if noise > SUSPICIOUS_NOISE * expected {
+            errln!(
+                "note: the orientations are {noise:.1} deg per axis off a {} spin, expected {expected} deg: is it one?",
+                motion.estimate.motion.model(),
+            );
+        }
+    }
+
     /// What theory expects of the decay of a spin, rad/s.
     fn theory(&self, spin_rad_s: f64) -> Theory {
         let ball = Ball {
@@ -226,77 +269,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for path in arguments.written() {
         files::check_writable(path)?;
     }
-    let input = super::open_input(&arguments.orientations)?;
-    let reader = match arguments.fps {
-        None => OrientationReader::new(&input.name, input.reader)?,
-        Some(fps) => OrientationReader::at_rate(&input.name, input.reader, fps)?,
-    };
-    let reader = match arguments.ball {
-        None => reader,
-        Some(number) => reader.of_ball(number),
-    };
-    let file = Orientations::collect(match &arguments.exposure {
-        None => reader,
-        Some(frame) => reader.of_exposure(frame),
-    })?;
-    if let (Some(frame), true) = (&arguments.exposure, file.rows.is_empty()) {
-        let problem = format!("expected rows of {frame}, found none");
-        return Err(Error::input(&input.name, "frame", problem));
-    }
-    if let (Some(number), true) = (arguments.ball, file.rows.is_empty()) {
-        let problem = format!("expected rows of ball {number}, found none");
-        return Err(Error::input(&input.name, "ball", problem));
-    }
+    let (name, file) = arguments.read()?;
     let measurements = file.measurements();
     let config = arguments.config(&file);
     let frame = file.camera_frame.unwrap_or_default();
-    let shown = frame.in_axes(arguments.frame.unwrap_or(frame));
-    let (written, turn) = shown;
-    let held = Holding::new(&measurements, &config);
-    if let Some(path) = &arguments.stretches {
-        let held = held.stretches().map_err(|r| r.in_file(&input.name))?;
-        stretches::write(path, &measurements, held, &shown)?;
-    }
-    let over_time = || {
-        let windows = spin_over_time(&measurements, config.window, &config);
-        windows.map_err(|r| r.in_file(&input.name))
-    };
     let request = Request {
         arguments,
-        name: &input.name,
+        name: &name,
         file: &file,
         measurements: &measurements,
         config: &config,
-        held: &held,
+        held: &Holding::new(&measurements, &config),
+        shown: frame.in_axes(arguments.frame.unwrap_or(frame)),
     };
+    request.write_stretches()?;
     let found = request.summary();
-    let free = found
-        .as_ref()
-        .ok()
-        .and_then(|(_, motion)| motion.over_time());
-    // By how many orientations each spin is.
-    let by = match &free {
-        Some(free) => free.len(),
-        None => config.window,
-    };
-    let windows = match (&arguments.windows, free) {
-        (None, _) => None,
-        (Some(_), Some(free)) => Some(free),
-        (Some(_), None) => Some(over_time()?),
-    };
-    if let (Some(path), Some(windows)) = (&arguments.windows, &windows) {
-        stretches::write_windows(path, windows, by, &shown)?;
-    }
-    // What holds in parts is said beside the answer, or instead of it.
-    let in_parts = |json: &mut serde_json::Value, with_stretches: bool| {
-        if with_stretches {
-            let held = held.stretches().unwrap_or_default();
-            json["stretches"] = stretches::to_json(&measurements, held, &shown);
-        }
-        if let Some(windows) = &windows {
-            json["windows"] = stretches::windows_to_json(windows, by, &shown);
-        }
-    };
+    let runs = request.runs(found.as_ref().ok().map(|(_, motion)| motion))?;
     let (summary, motion) = match found {
         Ok(found) => found,
         Err(error) => {
@@ -308,23 +296,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
                     "frames": file.rows.len(),
                     "orientations": measurements.len(),
                 });
-                in_parts(&mut json, true);
+                request.add_parts(&mut json, true, runs.as_ref());
                 super::print_json(&json)?;
             }
             return Err(error);
         }
     };
-    let fit = summary.fit;
-    let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
-    let expected = arguments
-        .orientation_sigma_deg
-        .unwrap_or_else(|| SpinConfig::default().sigma_rad.to_degrees());
-    if noise > SUSPICIOUS_NOISE * expected {
-        errln!(
-            "note: the orientations are {noise:.1} deg per axis off a {} spin, expected {expected} deg: is it one?",
-            motion.estimate.motion.model(),
-        );
-    }
+    arguments.doubt_noise(&summary.fit, &motion);
+    let (written, turn) = request.shown;
     let found = Found {
         method: arguments.method,
         summary: summary.turned(&turn),
@@ -339,7 +318,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     if arguments.json {
         let mut json = found.to_json();
-        in_parts(&mut json, arguments.stretches.is_some());
+        request.add_parts(&mut json, arguments.stretches.is_some(), runs.as_ref());
         return super::print_json(&json);
     }
     found.print();
@@ -354,9 +333,59 @@ struct Request<'a> {
     measurements: &'a [Measurement],
     config: &'a SpinConfig,
     held: &'a Holding<'a>,
+    /// The frame that is written, and the turn to it.
+    shown: (CameraFrame, Rotation),
+}
+
+/// The spin over time.
+struct Runs {
+    /// By how many orientations each is.
+    by: usize,
+    fits: Vec<WindowFit>,
 }
 
 impl Request<'_> {
+    /// Writes the parts of the sequence in which a spin holds, where they are asked for.
+    fn write_stretches(&self) -> Result<()> {
+        let Some(path) = &self.arguments.stretches else {
+            return Ok(());
+        };
+        let held = self.held.stretches().map_err(|r| r.in_file(self.name))?;
+        stretches::write(path, self.measurements, held, &self.shown)
+    }
+
+    /// The spin over time, written, where it is asked for: a free motion's own, or that of runs of orientations.
+    fn runs(&self, motion: Option<&Motion>) -> Result<Option<Runs>> {
+        let Some(path) = &self.arguments.windows else {
+            return Ok(None);
+        };
+        let runs = match motion.and_then(Motion::over_time) {
+            Some(fits) => Runs {
+                by: fits.len(),
+                fits,
+            },
+            None => {
+                let by = self.config.window;
+                let fits = spin_over_time(self.measurements, by, self.config);
+                let fits = fits.map_err(|r| r.in_file(self.name))?;
+                Runs { by, fits }
+            }
+        };
+        stretches::write_windows(path, &runs.fits, runs.by, &self.shown)?;
+        Ok(Some(runs))
+    }
+
+    /// What holds in parts is said beside the answer, or instead of it.
+    fn add_parts(&self, json: &mut serde_json::Value, with_stretches: bool, runs: Option<&Runs>) {
+        if with_stretches {
+            let held = self.held.stretches().unwrap_or_default();
+            json["stretches"] = stretches::to_json(self.measurements, held, &self.shown);
+        }
+        if let Some(runs) = runs {
+            json["windows"] = stretches::windows_to_json(&runs.fits, runs.by, &self.shown);
+        }
+    }
+
     /// The spin, and the motion.
     fn summary(&self) -> Result<(SpinSummary, Motion)> {
         let (arguments, measurements) = (self.arguments, self.measurements);

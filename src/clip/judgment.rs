@@ -20,8 +20,9 @@ use super::verdict::{
 use super::work::Work;
 use crate::concurrency;
 use crate::error::Result;
+use crate::geometry::Vec3;
+use crate::spin::Measurement;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
-use crate::spin::{Fit, Measurement};
 use crate::vision::estimator::Estimator;
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection, MIRRORED};
 
@@ -34,6 +35,8 @@ const ROUND: usize = 16;
 /// They are where one hypothesis leads all others and "none of them" by this, ln of the odds: far beyond what a verdict needs
 /// ([`decide`]), since frames of one part of a clip are alike.
 const SURE: f64 = 30.0;
+/// Cosine of the angle between two lines of sight, in the ball's frame, from which on more than half of the dots that are seen are others.
+const OTHER_SIDE: f64 = 0.5;
 
 /// What all frames together say.
 #[derive(Debug, Clone)]
@@ -170,9 +173,7 @@ impl Judgment {
                 hypothesis.frames.extend(scores);
                 measured.extend(poses);
                 measured.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
-                let fit = fitter.fit(measured);
-                let is_common = |f: Fit| 2 * f.inliers > measured.len();
-                hypothesis.has_common_motion = fit.is_ok_and(is_common);
+                hypothesis.has_common_motion = share_a_motion(&mut fitter, measured);
             }
             verdict = decide(&hypotheses);
             let is_sure = matches!(
@@ -324,6 +325,23 @@ impl Judgment {
             _ => Some(FrameRejection::Foreign),
         }
     }
+}
+
+/// Whether most of these poses follow one motion, and some of those show another side of the ball.
+///
+/// Poses of one side are no witnesses of each other: what looks like the dots by accident does so as long as it is seen, and turns with the
+/// ball.
+fn share_a_motion(fitter: &mut RobustEstimator, poses: &[Measurement]) -> bool {
+    let Ok(fit) = fitter.fit(poses) else {
+        return false;
+    };
+    let followed = poses.iter().zip(fitter.inlier_probabilities());
+    let sides: Vec<Vec3> = followed
+        .filter(|(_, follows)| **follows > 0.5)
+        .map(|(pose, _)| pose.orientation.inverse() * Vec3::z())
+        .collect();
+    let is_spread = |(k, a): (usize, &Vec3)| sides[k + 1..].iter().any(|b| a.dot(b) < OTHER_SIDE);
+    2 * fit.inliers > poses.len() && sides.iter().enumerate().any(is_spread)
 }
 
 /// The frame and the number in it of each ball of a set.

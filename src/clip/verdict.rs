@@ -17,7 +17,7 @@
 //! ```
 //!
 //! limited, so that no single frame decides. The sum over the frames is the hypothesis' evidence
-//! against "none of them"; a motion that the poses share adds to it. Two hypotheses are compared
+//! against "none of them"; a motion that the poses share adds to it, where it shows another side of the ball. Two hypotheses are compared
 //! frame by frame in the same way.
 //!
 //! Guarantees: the verdict depends on the frames' dots and poses alone. Not guaranteed: a verdict on
@@ -106,7 +106,7 @@ pub struct BallHypothesis {
     pub is_mirrored: bool,
     /// One a frame, the same frames for all hypotheses.
     pub frames: Vec<FrameScore>,
-    /// Whether most of the poses agree on one motion.
+    /// Whether most of the poses agree on one motion that shows another side of the ball.
     pub has_common_motion: bool,
 }
 

@@ -222,20 +222,30 @@ fn headed(stencil: &Stencil, page: PageSize, what: &str, mut items: Vec<Item>) -
 }
 
 fn sections(stencil: &Stencil, page: PageSize) -> Page {
-    let (c, j) = (stencil.config(), stencil.joint());
-    let halves = HalfName::BOTH.map(|name| stencil.placed_half(name, 0.0));
+    let mut items = section_square_to_hinge(stencil, page);
+    items.extend(section_along_seam(stencil, page));
+    headed(stencil, page, "sections", items)
+}
+
+/// The sides of a page, mm, and what a section may fill of it.
+fn section_area(page: PageSize) -> ([f64; 2], [f64; 2]) {
     let [width, height] = page.size_mm().unwrap_or([210.0, 297.0]);
+    ([width, height], [width - 60.0, 0.33 * height])
+}
+
+fn section_square_to_hinge(stencil: &Stencil, page: PageSize) -> Vec<Item> {
+    let (c, j) = (stencil.config(), stencil.joint());
+    let ([width, height], area) = section_area(page);
     let (inner, outer) = (c.inner_radius_mm(), c.outer_radius_mm());
     let (tab, hinge) = (outer + c.tab_mm, j.axis_mm + j.knuckle_radius_mm);
     let middle = 0.5 * width + 5.0;
-    let area = [width - 60.0, 0.33 * height];
     let mut upright = Figure::new(
         "Section square to the hinge (y = 0)",
         [(-tab, -outer), (hinge, outer)],
         area,
         Point::new(middle, 0.72 * height - 6.0),
     );
-    for mesh in &halves {
+    for mesh in &HalfName::BOTH.map(|name| stencil.placed_half(name, 0.0)) {
         upright.section(mesh, Layer::Dots, |v| [v.x, v.z, v.y], None);
     }
     let d = |r: f64| format!("{:.2}", 2.0 * r);
@@ -263,13 +273,22 @@ fn sections(stencil: &Stencil, page: PageSize) -> Page {
         -8.0,
         format!("{:.2}", tab + hinge),
     );
+    upright.items
+}
+
+fn section_along_seam(stencil: &Stencil, page: PageSize) -> Vec<Item> {
+    let (c, j) = (stencil.config(), stencil.joint());
+    let ([width, height], area) = section_area(page);
+    let (inner, outer) = (c.inner_radius_mm(), c.outer_radius_mm());
+    let (tab, hinge) = (outer + c.tab_mm, j.axis_mm + j.knuckle_radius_mm);
+    let middle = 0.5 * width + 5.0;
     let mut plan = Figure::new(
         "Section along the seam (z = 0)",
         [(-tab, -outer), (hinge, outer)],
         area,
         Point::new(middle, 0.26 * height),
     );
-    for mesh in &halves {
+    for mesh in &HalfName::BOTH.map(|name| stencil.placed_half(name, 0.0)) {
         plan.section(mesh, Layer::Dots, |v| [v.x, v.y, v.z - 0.01], None);
     }
     let half = 0.5 * c.hinge_length_mm;
@@ -298,12 +317,16 @@ fn sections(stencil: &Stencil, page: PageSize) -> Page {
         12.0,
         format!("wall {}", c.wall_mm),
     );
-    let mut items = upright.items;
-    items.extend(plan.items);
-    headed(stencil, page, "sections", items)
+    plan.items
 }
 
 fn details(stencil: &Stencil, page: PageSize) -> Page {
+    let mut items = seam(stencil, page);
+    items.extend(hinge(stencil, page));
+    headed(stencil, page, "seam and hinge", items)
+}
+
+fn seam(stencil: &Stencil, page: PageSize) -> Vec<Item> {
     let (c, j) = (stencil.config(), stencil.joint());
     let [a, b] = HalfName::BOTH.map(|name| stencil.placed_half(name, 0.0));
     let [width, height] = page.size_mm().unwrap_or([210.0, 297.0]);
@@ -341,6 +364,14 @@ fn details(stencil: &Stencil, page: PageSize) -> Page {
     let at = Point::new(middle - 10.0, 0.55 * height - 6.0);
     seam.items
         .push(Item::words(at, Anchor::Middle, WORDS_MM, facts));
+    seam.items
+}
+
+fn hinge(stencil: &Stencil, page: PageSize) -> Vec<Item> {
+    let (c, j) = (stencil.config(), stencil.joint());
+    let [a, b] = HalfName::BOTH.map(|name| stencil.placed_half(name, 0.0));
+    let [width, height] = page.size_mm().unwrap_or([210.0, 297.0]);
+    let middle = 0.5 * width + 5.0;
     let side = j.knuckle_radius_mm + 3.0;
     let mut hinge = Figure::new(
         "Hinge (y = 0, the middle knuckle)",
@@ -387,9 +418,7 @@ fn details(stencil: &Stencil, page: PageSize) -> Page {
     hinge
         .items
         .push(Item::words(at, Anchor::Middle, WORDS_MM, facts));
-    let mut items = seam.items;
-    items.extend(hinge.items);
-    headed(stencil, page, "seam and hinge", items)
+    hinge.items
 }
 
 fn hole_pages(stencil: &Stencil, page: PageSize) -> Vec<Page> {

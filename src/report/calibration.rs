@@ -22,7 +22,6 @@ use crate::pattern::Pattern;
 use crate::recognize::robust::RobustRecognizer;
 use crate::report::dot_set::DotSetReport;
 use crate::report::page::CalibrationPage;
-use crate::stats::Proportion;
 use crate::validate::{Trials, Validation};
 use crate::view::ProtocolName;
 use crate::vision::FrameEstimate;
@@ -220,39 +219,7 @@ pub fn evaluate_calibration(
     let pattern = calibration.pattern()?;
     let nominal_sha256 = is_design.then(|| nominal.sha256());
     let ball = calibration.ball(nominal_sha256.clone())?;
-    let numbers = calibration.nominal_numbers();
-    let number = |j: usize| numbers.iter().position(|n| *n == Some(j as u16));
-    let dots: Vec<DotReport> = calibration
-        .dots
-        .iter()
-        .enumerate()
-        .map(|(j, dot)| DotReport {
-            nominal_number: j,
-            number: number(j),
-            state: dot.state,
-            nominal: dot.nominal.into(),
-            drawn: dot.direction.into(),
-            offset_deg: dot.offset_rad().to_degrees(),
-            sigma_deg: dot.sigma_rad().to_degrees(),
-            views: dot.views,
-            facing_frames: dot.facing_frames,
-            facing_views: dot.facing_views,
-            expected_views: dot.expected_views,
-            mark: None,
-        })
-        .collect();
-    let first_mark = calibration.dots.len() - calibration.count(DotState::Missing);
-    let marks = calibration
-        .marks
-        .iter()
-        .enumerate()
-        .map(|(k, m)| MarkReport {
-            direction: m.direction.into(),
-            found: m.found,
-            views: m.views,
-            number: m.covariance.map(|_| first_mark + k),
-            mark: None,
-        });
+    let dots = dot_reports(calibration);
     let work = EvaluationWork::new(frames.len(), evaluation.samples, done);
     let monte_carlo = match evaluation.samples {
         0 => Vec::new(),
@@ -270,7 +237,7 @@ pub fn evaluate_calibration(
             with_other_balls: calibration.with_rivals,
             fitted: calibration.fitted,
         },
-        marks: marks.collect(),
+        marks: mark_reports(calibration),
         rms_offset_deg: calibration.rms_offset_rad().to_degrees(),
         noise_scale: calibration.noise_scale,
         smooth: calibration.smooth,
@@ -296,6 +263,43 @@ pub fn evaluate_calibration(
     let far_off: Vec<usize> = calibration.far_off().collect();
     report.advice = advice(&report, &far_off);
     Ok(CalibrationEvaluation { ball, report })
+}
+
+/// What is known of each dot.
+fn dot_reports(calibration: &Calibration) -> Vec<DotReport> {
+    let numbers = calibration.nominal_numbers();
+    let number = |j: usize| numbers.iter().position(|n| *n == Some(j as u16));
+    let dots = calibration.dots.iter().enumerate();
+    dots.map(|(j, dot)| DotReport {
+        nominal_number: j,
+        number: number(j),
+        state: dot.state,
+        nominal: dot.nominal.into(),
+        drawn: dot.direction.into(),
+        offset_deg: dot.offset_rad().to_degrees(),
+        sigma_deg: dot.sigma_rad().to_degrees(),
+        views: dot.views,
+        facing_frames: dot.facing_frames,
+        facing_views: dot.facing_views,
+        expected_views: dot.expected_views,
+        mark: None,
+    })
+    .collect()
+}
+
+/// The marks that are none of the dots; those that are taken in have the numbers after theirs.
+fn mark_reports(calibration: &Calibration) -> Vec<MarkReport> {
+    let first = calibration.dots.len() - calibration.count(DotState::Missing);
+    let marks = calibration.marks.iter().enumerate();
+    marks
+        .map(|(k, m)| MarkReport {
+            direction: m.direction.into(),
+            found: m.found,
+            views: m.views,
+            number: m.covariance.map(|_| first + k),
+            mark: None,
+        })
+        .collect()
 }
 
 /// The dots that are not well measured, the worst first.
@@ -358,10 +362,6 @@ const WORSE: f64 = 1.1;
 /// What to do, in words.
 fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
     let mut advice = Vec::new();
-    let list = |numbers: &[usize]| {
-        let words: Vec<String> = numbers.iter().map(usize::to_string).collect();
-        words.join(", ")
-    };
     let FramesReport {
         with_ball, fitted, ..
     } = report.frames;
@@ -372,61 +372,11 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
             with_ball - fitted
         ));
     }
-    if !report.more_views.is_empty() {
-        advice.push(format!(
-            "turn the ball so that these dots face the camera, and film again: {}",
-            list(&report.more_views)
-        ));
-    }
-    let missing = report.dots.iter().filter(|d| d.state == DotState::Missing);
-    let missing: Vec<usize> = missing.map(|d| d.nominal_number).collect();
-    if !missing.is_empty() {
-        advice.push(format!(
-            "never found where they should be: {}",
-            dots(&missing)
-        ));
-    }
-    let doubtful = report
-        .dots
-        .iter()
-        .filter(|d| d.state == DotState::Doubtful && !d.is_at_limb());
-    let doubtful: Vec<usize> = doubtful.map(|d| d.nominal_number).collect();
-    if !doubtful.is_empty() {
-        advice.push(format!(
-            "what is seen there may be print or a stain; look at {}",
-            dots(&doubtful)
-        ));
-    }
+    advice.extend(advice_on_dots(report, far_off));
     // What is built from the clip has no places that were meant.
     let is_design = report.nominal_sha256.is_some();
-    if is_design && !far_off.is_empty() {
-        advice.push(format!(
-            "much farther from their places than the others: look whether these are the dots, or stains beside \
-             them: {}",
-            list(far_off)
-        ));
-    }
-    let lost = |p: &ProtocolReport| {
-        let [nominal, drawn]: [&Proportion; 2] =
-            [&p.nominal.answered, &p.drawn_calibrated.answered];
-        drawn.high < nominal.low
-    };
-    let worse: Vec<&str> = report
-        .monte_carlo
-        .iter()
-        .filter(|p| lost(p))
-        .map(|p| p.protocol.as_str())
-        .collect();
-    if is_design && !worse.is_empty() {
-        advice.push(format!(
-            "drawn as it is, the ball is identified less often than as designed ({}): draw it again where that matters",
-            worse.join(", ")
-        ));
-    } else if !report.monte_carlo.is_empty() && is_design {
-        advice.push(
-            "with its own table the ball is as good as one drawn exactly: drawing it again is not worth it"
-                .to_owned(),
-        );
+    if is_design {
+        advice.extend(advice_on_drawing(&report.monte_carlo));
     }
     let held = &report.held_out;
     if held.frames.is_empty() {
@@ -438,6 +388,68 @@ fn advice(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
         );
     }
     advice
+}
+
+/// The dots that a person should look at, with what to do.
+fn advice_on_dots(report: &CalibrationReport, far_off: &[usize]) -> Vec<String> {
+    let numbers = |is: &dyn Fn(&DotReport) -> bool| -> Vec<usize> {
+        let dots = report.dots.iter().filter(|d| is(d));
+        dots.map(|d| d.nominal_number).collect()
+    };
+    let list = |numbers: &[usize]| {
+        let words: Vec<String> = numbers.iter().map(usize::to_string).collect();
+        words.join(", ")
+    };
+    let missing = numbers(&|d| d.state == DotState::Missing);
+    let doubtful = numbers(&|d| d.state == DotState::Doubtful && !d.is_at_limb());
+    let off_design = match report.nominal_sha256 {
+        Some(_) => far_off,
+        None => &[],
+    };
+    [
+        (
+            &report.more_views[..],
+            "turn the ball so that these dots face the camera, and film again: ",
+            list(&report.more_views),
+        ),
+        (
+            &missing[..],
+            "never found where they should be: ",
+            dots(&missing),
+        ),
+        (
+            &doubtful[..],
+            "what is seen there may be print or a stain; look at ",
+            dots(&doubtful),
+        ),
+        (
+            off_design,
+            "much farther from their places than the others: look whether these are the dots, or stains beside them: ",
+            list(off_design),
+        ),
+    ]
+    .into_iter()
+    .filter(|(of, _, _)| !of.is_empty())
+    .map(|(_, what, which)| format!("{what}{which}"))
+    .collect()
+}
+
+/// Whether to draw the ball again.
+fn advice_on_drawing(monte_carlo: &[ProtocolReport]) -> Option<String> {
+    let is_worse = |p: &&ProtocolReport| p.drawn_calibrated.answered.high < p.nominal.answered.low;
+    let worse = monte_carlo.iter().filter(is_worse);
+    let worse: Vec<&str> = worse.map(|p| p.protocol.as_str()).collect();
+    match worse.is_empty() {
+        _ if monte_carlo.is_empty() => None,
+        true => Some(
+            "with its own table the ball is as good as one drawn exactly: drawing it again is not worth it"
+                .to_owned(),
+        ),
+        false => Some(format!(
+            "drawn as it is, the ball is identified less often than as designed ({}): draw it again where that matters",
+            worse.join(", ")
+        )),
+    }
 }
 
 impl DotReport {

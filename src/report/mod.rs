@@ -276,17 +276,7 @@ pub fn evaluate(
         milestones: outcome.milestones.clone(),
         ..Timing::default()
     };
-    let drawn = pattern.dots().split_at(config.constraints.drawn).0;
-    let mut before = Vec::new();
-    if !drawn.is_empty() {
-        let before_them = Ball::new(Pattern::new(drawn.to_vec())?);
-        let ours = rates.iter().copied();
-        let ours: Vec<RateKind> = ours
-            .filter(|kind| kind.recognizer == RecognizerName::Robust)
-            .collect();
-        let silent = &mut |_: &str| Ok(());
-        before = validate_all(&before_them, config, evaluation, &ours, (stop, silent))?;
-    }
+    let mut before = before_added(pattern, config, evaluation, stop)?;
     for v in validation.iter_mut().chain(&mut before) {
         v.validation = v.validation.clone().untimed();
     }
@@ -331,6 +321,26 @@ pub fn evaluate(
         report,
         timing,
     })
+}
+
+/// The rates of the dots that were drawn before others came to them; none where all are new.
+fn before_added(
+    pattern: &Pattern,
+    config: &DesignConfig,
+    evaluation: &EvaluationConfig,
+    stop: &AtomicBool,
+) -> Result<Vec<NamedValidation>> {
+    let drawn = pattern.dots().split_at(config.constraints.drawn).0;
+    if drawn.is_empty() {
+        return Ok(Vec::new());
+    }
+    let ball = Ball::new(Pattern::new(drawn.to_vec())?);
+    let ours = evaluation.rates.iter().copied();
+    let ours: Vec<RateKind> = ours
+        .filter(|kind| kind.recognizer == RecognizerName::Robust)
+        .collect();
+    let silent = &mut |_: &str| Ok(());
+    validate_all(&ball, config, evaluation, &ours, (stop, silent))
 }
 
 fn untimed(milestone: &Milestone) -> Milestone {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use rand::RngExt;
+use rand::{Rng, RngExt};
 
 use super::config::SynthConfig;
 use super::dataset::{ClipConfig, Sequence, frame_rng};
@@ -48,29 +48,14 @@ impl Sequence {
         };
         let mut sequence = Self::random(first, config, clip, seed, count)?;
         let mut rng = frame_rng(seed, FELLOWS);
-        let [width, height] = image_px.map(|n| n as f64);
-        let axis = Pixel {
-            u: 0.5 * (width - 1.0),
-            v: 0.5 * (height - 1.0),
-        };
         let radius = sequence.first.circle.radius;
-        let start = rng.random_range(0.0..TAU);
-        let mut path = |ball: usize, radius: f64| {
-            // Directions well apart, through places near each other at nearly the same time.
-            let turn = PI * (ball as f64 + 0.3 * rng.random::<f64>()) / patterns.len() as f64;
-            let (s, c) = (start + turn).sin_cos();
-            let room = [width, height].map(|n| 0.5 * n - 1.3 * radius);
-            let reach = (room[0] / c.abs().max(1e-3)).min(room[1] / s.abs().max(1e-3));
-            let length = 1.8 * reach.max(0.0);
-            let drift = [length * c, length * s];
-            let late = 0.08 * rng.random_range(-1.0..1.0);
-            let off = [0, 1].map(|_| 0.4 * radius * rng.random_range(-1.0..1.0));
-            let center = Pixel {
-                u: axis.u + off[0] - late * drift[0],
-                v: axis.v + off[1] - late * drift[1],
-            };
-            (center, drift)
+        let crossing = Crossing {
+            size: image_px.map(|n| n as f64),
+            balls: patterns.len(),
+            start: rng.random_range(0.0..TAU),
         };
+        let axis = crossing.middle();
+        let mut path = |ball, radius| crossing.path(ball, radius, &mut rng);
         let (center, drift) = path(0, radius);
         sequence.drift_px = drift;
         let own = &mut sequence.first;
@@ -103,5 +88,40 @@ impl Sequence {
             sequence.fellows.push((image, drift));
         }
         Ok(sequence)
+    }
+}
+
+/// Where balls meet on their ways across whole images.
+struct Crossing {
+    /// Columns and rows.
+    size: [f64; 2],
+    balls: usize,
+    /// Direction of the first way, radians.
+    start: f64,
+}
+
+impl Crossing {
+    fn middle(&self) -> Pixel {
+        let [u, v] = self.size.map(|n| 0.5 * (n - 1.0));
+        Pixel { u, v }
+    }
+
+    /// Where a ball's center begins, pixels, and how far it comes. Directions are well apart, through places near each other at nearly
+    /// the same time.
+    fn path(&self, ball: usize, radius: f64, rng: &mut impl Rng) -> (Pixel, [f64; 2]) {
+        let turn = PI * (ball as f64 + 0.3 * rng.random::<f64>()) / self.balls as f64;
+        let (s, c) = (self.start + turn).sin_cos();
+        let room = self.size.map(|n| 0.5 * n - 1.3 * radius);
+        let reach = (room[0] / c.abs().max(1e-3)).min(room[1] / s.abs().max(1e-3));
+        let length = 1.8 * reach.max(0.0);
+        let drift = [length * c, length * s];
+        let late = 0.08 * rng.random_range(-1.0..1.0);
+        let off = [0, 1].map(|_| 0.4 * radius * rng.random_range(-1.0..1.0));
+        let Pixel { u, v } = self.middle();
+        let center = Pixel {
+            u: u + off[0] - late * drift[0],
+            v: v + off[1] - late * drift[1],
+        };
+        (center, drift)
     }
 }

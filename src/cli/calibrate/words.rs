@@ -8,19 +8,11 @@ use crate::report::calibration::{CalibrationEvaluation, CalibrationReport};
 
 /// Summarizes the calibration.
 pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, out: &Path) {
-    let CalibrationReport {
-        frames,
-        held_out,
-        motion,
-        advice,
-        ..
-    } = &evaluated.report;
-    // What is built from the clip has no places that were meant.
-    let is_design = evaluated.report.nominal_sha256.is_some();
-    let off = match is_design {
+    let report = &evaluated.report;
+    let off = match is_design(report) {
         true => format!(
             ", {:.2} deg rms off their nominal places",
-            evaluated.report.rms_offset_deg
+            report.rms_offset_deg
         ),
         false => String::new(),
     };
@@ -29,37 +21,66 @@ pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, 
         out.display(),
         calibration.measured(),
         calibration.dots.len(),
-        frames.fitted,
-        frames.given
+        report.frames.fitted,
+        report.frames.given
     );
+    say_states(report);
+    say_marks(report);
+    if report.frames.with_other_balls > 0 {
+        outln!(
+            "  more than one ball in {}",
+            counted(report.frames.with_other_balls, "frame")
+        );
+    }
+    say_gain(report);
+    for line in &report.advice {
+        outln!("  {line}");
+    }
+    if let Some(set) = &report.dot_set {
+        outln!("is this set of dots good? (numbers as in dots.png)");
+        for line in set.words() {
+            outln!("  {line}");
+        }
+    }
+}
+
+/// Whether the dots have places that were meant; what is built from the clip has none.
+fn is_design(report: &CalibrationReport) -> bool {
+    report.nominal_sha256.is_some()
+}
+
+/// Dots that are not measured well.
+fn say_states(report: &CalibrationReport) {
+    let unseen = match is_design(report) {
+        true => "not seen, left at their nominal places",
+        false => "seen too seldom to be measured",
+    };
     for (state, words) in [
         (
             DotState::Missing,
             "never found where they should be, left out",
         ),
-        (
-            DotState::Unseen,
-            match is_design {
-                true => "not seen, left at their nominal places",
-                false => "seen too seldom to be measured",
-            },
-        ),
+        (DotState::Unseen, unseen),
         (
             DotState::Doubtful,
             "may be print or stains, taken for less certain",
         ),
     ] {
-        let dots = evaluated.report.dots.iter().filter(|d| d.state == state);
+        let dots = report.dots.iter().filter(|d| d.state == state);
         let numbers: Vec<usize> = dots.map(|d| d.nominal_number).collect();
         if !numbers.is_empty() {
             outln!("  {words}: {}", named(&numbers));
         }
     }
-    for mark in &evaluated.report.marks {
+}
+
+/// Marks that are none of the dots.
+fn say_marks(report: &CalibrationReport) {
+    for mark in &report.marks {
         let [x, y, z] = mark.direction;
         let taken = match mark.number {
             Some(number) => format!("taken in as dot {number}"),
-            None if is_design => "left out (--learn-extra takes it in)".to_owned(),
+            None if is_design(report) => "left out (--learn-extra takes it in)".to_owned(),
             None => "left out".to_owned(),
         };
         let which = match mark.mark {
@@ -72,49 +93,35 @@ pub(super) fn say(calibration: &Calibration, evaluated: &CalibrationEvaluation, 
             counted(mark.views, "view")
         );
     }
-    if frames.with_other_balls > 0 {
-        outln!(
-            "  more than one ball in {}",
-            counted(frames.with_other_balls, "frame")
-        );
+}
+
+/// What frames that took no part, and the motion, say of it.
+fn say_gain(report: &CalibrationReport) {
+    let held_out = &report.held_out;
+    if !held_out.frames.is_empty() {
+        let [before_deg, after_deg] = held_out.median_deg;
+        let [before, after] = held_out.mean_matched;
+        match is_design(report) {
+            false => outln!(
+                "  frames that took no part: median residual {after_deg:.2} deg; {after:.1} dots a frame"
+            ),
+            true => outln!(
+                "  frames that took no part: median residual {before_deg:.2} deg before, {after_deg:.2} deg after; \
+                 {before:.1} and {after:.1} dots a frame"
+            ),
+        }
     }
-    let is_judged = !held_out.frames.is_empty();
-    if is_judged && !is_design {
-        outln!(
-            "  frames that took no part: median residual {:.2} deg; {:.1} dots a frame",
-            held_out.median_deg[1],
-            held_out.mean_matched[1]
-        );
-    } else if is_judged {
-        outln!(
-            "  frames that took no part: median residual {:.2} deg before, {:.2} deg after; {:.1} and {:.1} dots a frame",
-            held_out.median_deg[0],
-            held_out.median_deg[1],
-            held_out.mean_matched[0],
-            held_out.mean_matched[1]
-        );
-    }
-    if let Some([before, after]) = motion {
+    if let Some([before, after]) = &report.motion {
         let how = if after.precessing {
             " (precessing)"
         } else {
             ""
         };
-        let before = match is_design {
-            true => format!("{:.2} deg before, ", before.median_deg),
-            false => String::new(),
+        let (before_deg, after_deg) = (before.median_deg, after.median_deg);
+        let off = match is_design(report) {
+            true => format!("{before_deg:.2} deg before, {after_deg:.2} deg after"),
+            false => format!("{after_deg:.2} deg"),
         };
-        let after_deg = after.median_deg;
-        let after = if is_design { " after" } else { "" };
-        outln!("  off one smooth rotation{how}: median {before}{after_deg:.2} deg{after}");
-    }
-    for line in advice {
-        outln!("  {line}");
-    }
-    if let Some(set) = &evaluated.report.dot_set {
-        outln!("is this set of dots good? (numbers as in dots.png)");
-        for line in set.words() {
-            outln!("  {line}");
-        }
+        outln!("  off one smooth rotation{how}: median {off}");
     }
 }

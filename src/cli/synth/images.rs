@@ -1,7 +1,7 @@
 //! Images and clips of a ball.
 
 use std::convert::Infallible;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::Args;
@@ -239,34 +239,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let strobe = arguments.strobe()?;
     let others = arguments.also.iter().map(|path| Ball::read(path));
     let others: Vec<Ball> = others.collect::<Result<_>>()?;
-    let pattern = ball.pattern();
-    let seed = arguments.seed;
+    let (pattern, seed) = (ball.pattern(), arguments.seed);
     let frames = arguments
         .frames
         .unwrap_or(if arguments.is_clip() { 24 } else { 100 });
-    require(
-        (1..=MAX_FRAMES).contains(&frames),
-        "frames",
-        "1 to 1000000",
-        frames,
-    )?;
-    let all: Vec<Pattern> = std::iter::once(&ball)
-        .chain(&others)
-        .map(|b| b.pattern().clone())
-        .collect();
+    let inside = (1..=MAX_FRAMES).contains(&frames);
+    require(inside, "frames", "1 to 1000000", frames)?;
     let sequence = clip.as_ref().map(|clip| match others.is_empty() {
         true => Sequence::random(pattern, &config, clip, seed, frames),
-        false => Sequence::of_balls(&all, &config, clip, seed, frames),
+        false => {
+            let all = std::iter::once(&ball).chain(&others);
+            let all: Vec<Pattern> = all.map(|b| b.pattern().clone()).collect();
+            Sequence::of_balls(&all, &config, clip, seed, frames)
+        }
     });
     let sequence = sequence.transpose()?;
     let (folder, set) = arguments.begin()?;
-    ball.write_csv(&set.path().join("pattern.csv"))?;
-    ball.write_npz(&set.path().join("table.npz"))?;
-    for (k, other) in others.iter().enumerate() {
-        let number = k + 2;
-        other.write_csv(&set.path().join(format!("pattern{number}.csv")))?;
-        other.write_npz(&set.path().join(format!("table{number}.npz")))?;
-    }
+    write_balls(set.path(), &ball, &others)?;
     let origin = Origin {
         seed,
         pattern_sha256: pattern.sha256(),
@@ -296,17 +285,25 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         &[]
     };
     set.publish(replaced, "index.csv")?;
-    let spin = sequence.map(|s| s.spin());
-    let fps = clip.map(|c| c.fps);
-    let seconds = clock.elapsed().as_secs_f64();
     let made = Made {
         folder,
         written,
-        spin,
-        fps,
-        seconds,
+        spin: sequence.map(|s| s.spin()),
+        fps: clip.map(|c| c.fps),
+        seconds: clock.elapsed().as_secs_f64(),
     };
     made.summarize(arguments)
+}
+
+/// Writes the pattern and the table of each ball: those of the second have a 2 in their names, and so on.
+fn write_balls(folder: &Path, ball: &Ball, others: &[Ball]) -> Result<()> {
+    ball.write_csv(&folder.join("pattern.csv"))?;
+    ball.write_npz(&folder.join("table.npz"))?;
+    for (number, other) in (2..).zip(others) {
+        other.write_csv(&folder.join(format!("pattern{number}.csv")))?;
+        other.write_npz(&folder.join(format!("table{number}.npz")))?;
+    }
+    Ok(())
 }
 
 /// A folder that was written.

@@ -318,6 +318,75 @@ fn delay_by_places(first: &Track, other: &Track, delay_s: f64, turn_s: f64) -> (
     (nearest, open.next().is_none())
 }
 
+impl Common {
+    /// A turn from which on it is evident, radians.
+    fn evident_rad(&self) -> f64 {
+        EVIDENT * self.std_rad
+    }
+
+    /// Whether the cameras contradict each other, by the turn that no clock explains and by how far apart the centers are.
+    fn discord(&self, turn_rad: f64, apart: Option<&Apart>) -> Option<Discord> {
+        if self.share < MIN_SHARE {
+            return Some(Discord::Apart { share: self.share });
+        }
+        if turn_rad > MAX_TURN_RAD.max(self.evident_rad()) {
+            return Some(Discord::Turned {
+                angle_rad: self.rotation.angle(),
+                std_rad: self.std_rad,
+            });
+        }
+        let far = apart.filter(|a| {
+            let gap = a.mean_m.norm();
+            gap > MAX_GAP * a.distance_m && gap > EVIDENT * a.std_m
+        });
+        far.map(|a| Discord::Gap {
+            gap_m: a.mean_m.norm(),
+            distance_m: a.distance_m,
+        })
+    }
+}
+
+/// What the turn between two cameras says of their clocks.
+struct Clocks {
+    /// The turn that these leave.
+    rest: Rotation,
+    /// How far the camera's times are behind the first one's, seconds.
+    delay_s: f64,
+    clock: ClockCheck,
+}
+
+impl Clocks {
+    fn of(first: &Track, other: &Track, found: &Common) -> Self {
+        let same = |clock| Self {
+            rest: found.rotation,
+            delay_s: 0.0,
+            clock,
+        };
+        let Some(fit) = first.fit.filter(|fit| !fit.is_at_rest()) else {
+            return same(ClockCheck::Unknown);
+        };
+        let (spin, evident) = (fit.motion.spin, found.evident_rad());
+        let rate = spin.norm();
+        let (turned, rest) = about(&found.rotation, &(spin / rate));
+        // The camera's times are behind where its ball is ahead.
+        let (delay, std_s, turn_s) = (turned / rate, found.std_rad / rate, TAU / rate);
+        let (delay_s, is_sure) = delay_by_places(first, other, delay, turn_s);
+        let is_off = delay_s.abs() * rate > SMALL_RAD.max(evident);
+        if !is_off || rest.angle() >= MAX_TURN_RAD.max(evident) {
+            return same(ClockCheck::Agrees { std_s });
+        }
+        Self {
+            rest,
+            delay_s,
+            clock: ClockCheck::Off {
+                delay_s,
+                std_s,
+                repeats_s: (!is_sure).then_some(turn_s),
+            },
+        }
+    }
+}
+
 /// How a camera agrees with the first one, by what each saw in the rig's frame; `None` where too little was seen by both.
 pub(super) fn compare(first: &Track, other: &Track) -> Option<Compared> {
     let turned_rad = match (&first.fit, first.span_s()) {
@@ -328,50 +397,12 @@ pub(super) fn compare(first: &Track, other: &Track) -> Option<Compared> {
     if found.compared < MIN_PAIRS {
         return None;
     }
-    let turning = first.fit.filter(|fit| !fit.is_at_rest());
-    let spin = turning.map(|fit| fit.motion.spin);
-    let angle_rad = found.rotation.angle();
-    let evident = EVIDENT * found.std_rad;
-    let (mut rest, mut delay_s, mut clock) = (found.rotation, 0.0, ClockCheck::Unknown);
-    if let Some(spin) = spin {
-        let rate = spin.norm();
-        let (turned, left) = about(&found.rotation, &(spin / rate));
-        // The camera's times are behind where its ball is ahead.
-        let (delay, std_s, turn_s) = (turned / rate, found.std_rad / rate, TAU / rate);
-        let (placed, is_sure) = delay_by_places(first, other, delay, turn_s);
-        let is_off = placed.abs() * rate > SMALL_RAD.max(evident);
-        if is_off && left.angle() < MAX_TURN_RAD.max(evident) {
-            (rest, delay_s) = (left, placed);
-            let repeats_s = (!is_sure).then_some(turn_s);
-            clock = ClockCheck::Off {
-                delay_s,
-                std_s,
-                repeats_s,
-            };
-        } else {
-            clock = ClockCheck::Agrees { std_s };
-        }
-    }
-    let placed = apart(first, other, delay_s);
+    let read = Clocks::of(first, other, &found);
+    let placed = apart(first, other, read.delay_s);
     let gap_m = placed.as_ref().map(|a| a.mean_m.norm());
-    let turn_rad = rest.angle();
-    let discord = if found.share < MIN_SHARE {
-        Some(Discord::Apart { share: found.share })
-    } else if turn_rad > MAX_TURN_RAD.max(evident) {
-        Some(Discord::Turned {
-            angle_rad,
-            std_rad: found.std_rad,
-        })
-    } else {
-        let far = placed.as_ref().filter(|a| {
-            let gap = a.mean_m.norm();
-            gap > MAX_GAP * a.distance_m && gap > EVIDENT * a.std_m
-        });
-        far.map(|a| Discord::Gap {
-            gap_m: a.mean_m.norm(),
-            distance_m: a.distance_m,
-        })
-    };
+    let turn_rad = read.rest.angle();
+    let discord = found.discord(turn_rad, placed.as_ref());
+    let evident = found.evident_rad();
     let evident_gap = placed.filter(|a| a.mean_m.norm() > EVIDENT * a.std_m);
     let mut widening = Widening {
         factors: [1.0; 2],
@@ -385,7 +416,7 @@ pub(super) fn compare(first: &Track, other: &Track) -> Option<Compared> {
         ],
     };
     let mut later = other.clone();
-    later.delay(delay_s);
+    later.delay(read.delay_s);
     widening.factors = factors(first, &later, &widening);
     Some(Compared {
         agreement: CameraAgreement {
@@ -393,11 +424,11 @@ pub(super) fn compare(first: &Track, other: &Track) -> Option<Compared> {
             turn_rad,
             turn_std_rad: found.std_rad,
             gap_m,
-            clock,
+            clock: read.clock,
             factors: widening.factors,
         },
         discord,
-        delay_s,
+        delay_s: read.delay_s,
         widening,
     })
 }

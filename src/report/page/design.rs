@@ -13,7 +13,7 @@ use super::{PAGE, Page, rounded};
 use crate::ball::ObjectiveRecord;
 use crate::design::CameraRank;
 use crate::design::objective::bound::BoundSummary;
-use crate::design::{DesignViews, KeepOut, Milestone};
+use crate::design::{Candidate, DesignViews, KeepOut, Milestone};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::recognize::paper::FeatureTree;
@@ -116,6 +116,46 @@ struct PageFinalist {
     answered: Option<Proportion>,
 }
 
+impl PageSummary {
+    fn of(report: &DesignReport) -> Self {
+        let summary = &report.pattern.summary;
+        Self {
+            min_separation_deg: summary.min_separation_rad.to_degrees(),
+            mean_nearest_separation_deg: summary.mean_nearest_separation_rad.to_degrees(),
+            min_visible: summary.min_visible,
+            mean_visible: summary.mean_visible,
+        }
+    }
+}
+
+impl PageRanking {
+    fn of(report: &DesignReport) -> Option<Self> {
+        let winner = *report.camera.as_ref()?.finalists.first()?;
+        Some(Self {
+            frames: winner.right.trials,
+            winner,
+        })
+    }
+}
+
+impl PageSearch {
+    fn of(report: &DesignReport) -> Self {
+        let finalist = |f: &Candidate| PageFinalist {
+            start: f.start,
+            value: f.value,
+            answered: f.answered,
+        };
+        Self {
+            starts: report.starts,
+            stopped: report.stopped,
+            protocol: report.config.views,
+            objective: report.objective.clone(),
+            milestones: report.milestones.clone(),
+            finalists: report.finalists.iter().map(finalist).collect(),
+        }
+    }
+}
+
 impl DesignPage {
     /// Reads a design's folder.
     ///
@@ -135,7 +175,6 @@ impl DesignPage {
             let own = searched.iter().find(|protocol| protocol.name() == *name);
             own.is_none_or(|own| *own == Protocol::standard(*name))
         };
-        let standard_protocols = ProtocolName::ALL.into_iter().filter(is_standard).collect();
         let searched_for = report.config.constraints.stencil.as_ref();
         let made = stencil.as_ref().map(|s| &s.parameters);
         let size = |name: &str, searched: Option<f64>, or: f64| {
@@ -143,7 +182,7 @@ impl DesignPage {
             made.or(searched).unwrap_or(or)
         };
         let defaults = StencilConfig::default();
-        let summary = &report.pattern.summary;
+        let search = PageSearch::of(&report);
         Ok(Self {
             ball_diameter_mm: size(
                 "ball_diameter_mm",
@@ -155,26 +194,16 @@ impl DesignPage {
                 searched_for.map(|s| s.hole_diameter_mm),
                 defaults.hole_diameter_mm,
             ),
-            summary: PageSummary {
-                min_separation_deg: summary.min_separation_rad.to_degrees(),
-                mean_nearest_separation_deg: summary.mean_nearest_separation_rad.to_degrees(),
-                min_visible: summary.min_visible,
-                mean_visible: summary.mean_visible,
-            },
+            summary: PageSummary::of(&report),
             features: shown.map(|(tree, distances)| PageFeatures::new(tree.features(), distances)),
             dot_features: shown.map(|(tree, distances)| {
                 dot_features(report.pattern.dots.len(), tree.features(), distances)
             }),
-            standard_protocols,
+            standard_protocols: ProtocolName::ALL.into_iter().filter(is_standard).collect(),
             published: serde_json::from_str(PUBLISHED)
                 .map_err(|e| Error::Internal(format!("published.json: {e}")))?,
             camera: CameraFigures::of(&report),
-            ranking: report.camera.as_ref().and_then(|camera| {
-                Some(PageRanking {
-                    frames: camera.finalists.first()?.right.trials,
-                    winner: *camera.finalists.first()?,
-                })
-            }),
+            ranking: PageRanking::of(&report),
             sigma_per_noise: sigma_per_noise(&report.sensitivity),
             spindoe_version: report.spindoe_version,
             command: report.command,
@@ -185,22 +214,7 @@ impl DesignPage {
             bound: report.orientation_bound,
             validation: report.validation,
             sensitivity: report.sensitivity,
-            search: PageSearch {
-                starts: report.starts,
-                stopped: report.stopped,
-                protocol: report.config.views,
-                objective: report.objective,
-                milestones: report.milestones,
-                finalists: report
-                    .finalists
-                    .iter()
-                    .map(|f| PageFinalist {
-                        start: f.start,
-                        value: f.value,
-                        answered: f.answered,
-                    })
-                    .collect(),
-            },
+            search,
             stencil,
             sha256,
         })

@@ -105,6 +105,19 @@ fn promise_of(found: &std::result::Result<PoseHypothesis, FrameRejection>) -> f6
     found.as_ref().map_or(0.0, |f| f.confidence)
 }
 
+impl EstimatorWorkspace {
+    /// Names the detections as the best explanation of the last run does, where there is one.
+    fn name(&self, is_explained: bool, assignment: &mut [Option<u16>]) {
+        assignment.fill(None);
+        if is_explained {
+            let names = &self.recognizer.explanations().best().assignment;
+            for (&i, name) in self.indices.iter().zip(names) {
+                assignment[i] = *name;
+            }
+        }
+    }
+}
+
 impl Estimator {
     /// Estimates the orientation from the detected dots of a frame, without its pixels: those that another detector found, or
     /// those of another estimator. The answer depends on the detections and the outline as found alone.
@@ -181,7 +194,7 @@ impl Estimator {
         ws.spending.timings.identify += begun.elapsed();
     }
 
-    /// Identifies under each hypothesis of the camera's distance, at first the likely detections, then all, until a pose is clear.
+    /// The pose of the detections, with an expected one weighed if there is one.
     fn identify_dots(
         &self,
         outline: &Outline,
@@ -190,72 +203,13 @@ impl Estimator {
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> std::result::Result<Pose, FrameRejection> {
-        let mut best: std::result::Result<PoseHypothesis, FrameRejection> =
-            Err(FrameRejection::NotProcessed);
-        let mut attempts = ws.spending.runs;
-        let begun = attempts;
         out.hypotheses = [None; 2];
-        let passes = match detections {
-            Detections::Likely => 1,
-            Detections::All => self.recognizers.len(),
-        };
-        'search: for pass in 0..passes {
-            // Doubtful detections alone may show an expected orientation.
-            let is_hopeless = hint.is_none() && promise_of(&best) < PROMISING;
-            if pass > 0 && out.standing == Standing::Doubtful && is_hopeless {
-                break;
-            }
-            for camera in self.config.camera.hypotheses() {
-                if attempts > begun && ws.spending.is_late() {
-                    break 'search;
-                }
-                let Ok(view) = BallView::new(&camera, outline.circle) else {
-                    return Err(FrameRejection::Recognizer(RecognizerRejection::Degenerate));
-                };
-                let hint = hint.map(|h| in_view(h, &view));
-                attempts += 1;
-                let mirrored = match attempts == begun + 1 {
-                    true => Mirrored::Sought,
-                    false => Mirrored::Compared,
-                };
-                let look = Look {
-                    pass,
-                    camera,
-                    mirrored,
-                };
-                let found = self.recognize(&look, &view, hint.as_ref(), ws, &out.dots);
-                // What the mirror explains beyond doubt, other dots or another distance may still
-                // explain by accident.
-                if let Err(MIRRORED) = found {
-                    ws.spending.runs = attempts;
-                    return Err(MIRRORED);
-                }
-                let better = match (&best, &found) {
-                    (Err(_), _) => true,
-                    (Ok(best), Ok(found)) => found.confidence > best.confidence,
-                    (Ok(_), Err(_)) => false,
-                };
-                if better {
-                    out.assignment.fill(None);
-                    for (&i, name) in ws
-                        .indices
-                        .iter()
-                        .zip(&ws.recognizer.explanations().best().assignment)
-                    {
-                        out.assignment[i] = found.is_ok().then_some(*name).flatten();
-                    }
-                    best = found;
-                }
-                if best.is_ok_and(|b| b.confidence >= CLEAR) {
-                    break 'search;
-                }
-            }
-        }
-        ws.spending.runs = attempts;
+        let earlier = ws.spending.runs;
+        let best = self.likeliest(outline, detections, hint, ws, out)?;
         // What is expected was not chosen among many: only the runs that weigh it count.
-        let mut best = best?.discounted(match hint {
-            Some(_) => attempts - begun,
-            None => attempts,
+        let mut best = best.discounted(match hint {
+            Some(_) => ws.spending.runs - earlier,
+            None => ws.spending.runs,
         });
         if hint.is_none() {
             best = best.weighed(&self.config.trust);
@@ -270,6 +224,62 @@ impl Estimator {
             return Err(FrameRejection::Ambiguous { confidence });
         }
         self.refine(&best, outline, hint.is_some(), ws, out)
+    }
+
+    /// The likeliest pose under any of the camera's distances, of the likely detections, then of all, until one is clear; its names
+    /// are assigned.
+    fn likeliest(
+        &self,
+        outline: &Outline,
+        detections: Detections,
+        hint: Option<&Hint>,
+        ws: &mut EstimatorWorkspace,
+        out: &mut FrameEstimate,
+    ) -> std::result::Result<PoseHypothesis, FrameRejection> {
+        let mut best = Err(FrameRejection::NotProcessed);
+        let mut mirrored = Mirrored::Sought;
+        let passes = match detections {
+            Detections::Likely => 1,
+            Detections::All => self.recognizers.len(),
+        };
+        for pass in 0..passes {
+            // Doubtful detections alone may show an expected orientation.
+            let is_hopeless = hint.is_none() && promise_of(&best) < PROMISING;
+            if pass > 0 && out.standing == Standing::Doubtful && is_hopeless {
+                break;
+            }
+            for camera in self.config.camera.hypotheses() {
+                if mirrored == Mirrored::Compared && ws.spending.is_late() {
+                    return best;
+                }
+                let Ok(view) = BallView::new(&camera, outline.circle) else {
+                    return Err(FrameRejection::Recognizer(RecognizerRejection::Degenerate));
+                };
+                let hint = hint.map(|h| in_view(h, &view));
+                let look = Look {
+                    pass,
+                    camera,
+                    mirrored,
+                };
+                let found = self.recognize(&look, &view, hint.as_ref(), ws, &out.dots);
+                ws.spending.runs += 1;
+                mirrored = Mirrored::Compared;
+                // What the mirror explains beyond doubt, other dots or another distance may still
+                // explain by accident.
+                if let Err(MIRRORED) = found {
+                    return found;
+                }
+                let is_better = |found: &PoseHypothesis| found.confidence > promise_of(&best);
+                if best.is_err() || found.as_ref().is_ok_and(is_better) {
+                    ws.name(found.is_ok(), &mut out.assignment);
+                    best = found;
+                }
+                if promise_of(&best) >= CLEAR {
+                    return best;
+                }
+            }
+        }
+        best
     }
 
     /// One run of the recognizer over the detections that are likely enough for this pass.
