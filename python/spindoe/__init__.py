@@ -23,7 +23,7 @@ from ._design import Design, DesignProgress, DesignResult, Proportion, Validatio
 from ._fictrac import FicTracPath, fictrac
 from ._frame import BallView, Camera, FrameEstimate, Pose
 from ._native import MIN_CONFIDENCE_DOTS, MIN_CONFIDENCE_IMAGES, __version__
-from ._painted import PaintedEstimator, PaintedSequence, Surface
+from ._painted import PaintedEstimator, PaintedSequence, PaintedState, PaintedTracker, Surface
 from ._pattern import DesignRecord, HashTable, KeepOut, Pattern, PatternSummary
 from ._published import Trajectory, TrajectorySet, read_trajectories, write_onnx
 from ._recognize import (
@@ -68,6 +68,8 @@ __all__ = [
     "KeepOut",
     "PaintedEstimator",
     "PaintedSequence",
+    "PaintedState",
+    "PaintedTracker",
     "PaperSettings",
     "Pattern",
     "PatternSummary",

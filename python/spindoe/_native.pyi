@@ -312,8 +312,28 @@ class Surface:
     def known(self) -> float: ...
     def chart(self) -> _Floats: ...
 
+class PaintedTracker:
+    def update(
+        self,
+        image: Any,
+        color: str,
+        time_s: float,
+        circle: tuple[float, float, float] | None,
+    ) -> tuple[
+        tuple[
+            tuple[_Floats, _Floats, float] | None,
+            tuple[float, float, float] | None,
+            tuple[_Floats, _Floats] | None,
+            str | None,
+        ],
+        _Spin | str,
+    ]: ...
+    def frame(self) -> Any: ...
+    def reset(self) -> None: ...
+
 class PaintedEstimator:
     def __new__(cls, camera: _Camera, outline: str, ball_radius_m: float) -> PaintedEstimator: ...
+    def tracker(self, surface: Surface, window: int, memory_s: float, max_rps: float) -> PaintedTracker: ...
     def estimate_sequence(
         self,
         images: _Sequence[Any],

@@ -6,16 +6,16 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._common import Floats, Frame, Progress, Rejection, clip_asked, progress_of, write_whole
+from ._common import Floats, Frame, Progress, Rejection, clip_asked, progress_of, triple, whole, write_whole
 from ._fictrac import FicTracPath, fictrac_of
 from ._frame import Camera
-from ._image import Color, Image, frames_of
+from ._image import Color, Image, frames_of, pixels
 from ._pattern import PathLike
 from ._sequence import FrameColumns, frame_table
 from ._spin import Spin, spin_of
@@ -226,9 +226,99 @@ class PaintedEstimator:
             diameter_px,
         )
 
+    def tracker(
+        self,
+        surface: Surface | PathLike,
+        *,
+        window: int = 12,
+        memory_s: float = 0.25,
+        max_rps: float = 175.0,
+    ) -> PaintedTracker:
+        """What follows a ball with this surface as its frames come.
+
+        Args:
+            surface: What an earlier clip showed of the ball, or its file.
+            window: Number of poses that the spin is fitted to.
+            memory_s: Poses older than this are forgotten, seconds.
+            max_rps: Largest spin considered, revolutions per second.
+        """
+        known = surface if isinstance(surface, Surface) else Surface.load(surface)
+        handle = self._handle.tracker(known._handle, whole("window", window, 1), float(memory_s), float(max_rps))
+        return PaintedTracker(self.camera, handle)
+
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
         return _estimator, self._arguments
 
 
 def _estimator(camera: Camera, ball_radius_m: float, outline: Literal["net", "edges"]) -> PaintedEstimator:
     return PaintedEstimator(camera, ball_radius_m=ball_radius_m, outline=outline)
+
+
+@dataclass(slots=True, eq=False)
+class PaintedState:
+    """What is known after a frame of a stream."""
+
+    time_s: float
+    quaternion_wxyz: Floats | None
+    """Orientation, surface to `frame`; None where there is none."""
+    covariance_rad2: Floats | None
+    """Covariance of its error, a rotation vector in `frame`; shape (3, 3)."""
+    agreement: float
+    """Correlation of what the frame shows with the surface; NaN without an orientation."""
+    reason: str | None
+    """Why there is no orientation."""
+    frame: Frame
+    """The frame of orientation, position and spin."""
+    circle: tuple[float, float, float] | None
+    """The ball's outline, ``u, v, radius``, pixels."""
+    position_m: Floats | None
+    """The ball's center, m, where the camera's intrinsics are known."""
+    position_covariance_m2: Floats | None
+    """Covariance of its error; shape (3, 3)."""
+    spin: Spin | Rejection
+    """The spin now, from the third orientation on, without aliases; or why there is none."""
+
+
+class PaintedTracker:
+    """Follows a painted ball through the frames of a camera, as they come, by the surface of an earlier clip: ``PaintedEstimator.tracker``."""
+
+    __slots__ = ("_handle", "camera")
+    _handle: _native.PaintedTracker
+    camera: Camera
+
+    def __init__(self, camera: Camera, handle: _native.PaintedTracker) -> None:
+        self.camera = camera
+        self._handle = handle
+
+    def update(
+        self,
+        image: Image,
+        time_s: float,
+        *,
+        color: Color | None = None,
+        circle: ArrayLike | None = None,
+    ) -> PaintedState:
+        """Takes the next frame.
+
+        Args:
+            image: As in `Estimator.estimate`.
+            time_s: Its time in seconds, later than that of the frame before.
+            color: As in `Estimator.estimate`.
+            circle: The ball's outline, where it is known, as on a treadmill.
+        """
+        given = None if circle is None else triple("circle", circle)
+        taken, order = pixels("image", image, color)
+        self.camera._check("image", taken)
+        (posed, outline, position, reason), spin = self._handle.update(taken, order, float(time_s), given)
+        orientation, covariance, agreement = (None, None, float("nan")) if posed is None else posed
+        center, block = (None, None) if position is None else position
+        return PaintedState(
+            float(time_s), orientation, covariance, agreement, reason, self._handle.frame(), outline, center, block, spin_of(spin)
+        )
+
+    def reset(self) -> None:
+        """Forgets where the ball was: the next frame is the first of another clip."""
+        self._handle.reset()
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("PaintedTracker: cannot be pickled, since it follows a camera: pickle estimator and surface")

@@ -20,7 +20,6 @@ use spindoe::report::calibration::CalibrationEvaluationConfig;
 use spindoe::source::files::list_sources;
 use spindoe::spin::SpinRejection;
 use spindoe::spin::alias::SpinEvidence;
-use spindoe::spin::estimate::FittedMotion;
 use spindoe::spin::orientations::Orientations;
 use spindoe::spin::robust::SpinConfig;
 use spindoe::vision::estimator::EstimatorWorkspace;
@@ -579,23 +578,10 @@ impl Tracker {
             })
             .or_raise()?;
         warn_of(py, doubt.as_ref())?;
-        let spin = match fitted {
-            // Aliases are listed where they are asked for: their search is no work for every frame.
-            Ok((fit, clock)) => {
-                let constant = FittedMotion::Constant(fit);
-                Answer::Found(spin::to_tuple(
-                    py,
-                    &fit,
-                    &constant,
-                    self.frame,
-                    &[],
-                    &[],
-                    &clock,
-                ))
-            }
-            Err(rejection) => Answer::Rejected(rejection.to_string()),
-        };
-        Ok((frame_tuple(py, &frame), spin))
+        Ok((
+            frame_tuple(py, &frame),
+            spin::of_stream(py, fitted, self.frame),
+        ))
     }
 
     fn reset(&self, py: Python<'_>) -> PyResult<()> {

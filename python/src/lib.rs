@@ -49,7 +49,7 @@ mod _native {
     #[pymodule_export]
     use super::image::read_image;
     #[pymodule_export]
-    use super::painted::{PaintedEstimator, Surface};
+    use super::painted::{PaintedEstimator, PaintedTracker, Surface};
     #[pymodule_export]
     use super::pattern::{HashTable, Pattern, shipped_designs};
     #[pymodule_export]

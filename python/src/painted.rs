@@ -1,23 +1,27 @@
 //! Balls with paint of any shape: clips of them, and their surfaces.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use spindoe::clip::{self, BallEstimate, BatchFrame, BatchObserver, PaintedClip, SurfaceObserver};
+use spindoe::clip::{
+    self, BallEstimate, BatchFrame, BatchObserver, PaintedClip, PaintedStream, SurfaceObserver,
+    TrackerConfig,
+};
 use spindoe::geometry::CameraFrame;
 use spindoe::image::RgbImage;
 use spindoe::spin::orientations::Orientations;
 use spindoe::surface::{PaintedFrame, SurfaceMap};
 use spindoe::vision::frame::OutlineMethod;
 
-use crate::arrays::blocks3;
+use crate::arrays::{blocks3, quaternion, square, vector};
 use crate::clip::{Asked, Clips, Listener, warn_of};
 use crate::errors::{Answer, OrRaise};
-use crate::estimator::camera_model;
+use crate::estimator::{camera_model, outline, sequence_config};
+use crate::image::{Buffers, Pixels, raw_pixel};
 use crate::spin::{self, Estimated, Found};
 
 /// Rows, agreements, residuals, why frames have no pose, circles, centers of the ball, their covariances, the surface where it was made, the spin where
@@ -107,6 +111,28 @@ impl PaintedEstimator {
         })
     }
 
+    /// What follows a ball with this surface as its frames come.
+    fn tracker(
+        &self,
+        surface: &Surface,
+        window: usize,
+        memory_s: f64,
+        max_rps: f64,
+    ) -> PyResult<PaintedTracker> {
+        let config = TrackerConfig {
+            sequence: sequence_config(max_rps)?,
+            window,
+            memory_s,
+            ..TrackerConfig::default()
+        };
+        let surface = SurfaceMap::clone(&surface.0);
+        let stream = PaintedStream::new(Arc::clone(&self.inner), surface, config).or_raise()?;
+        Ok(PaintedTracker {
+            state: Mutex::new((stream, Buffers::default())),
+            axes: self.axes,
+        })
+    }
+
     /// Frames of one clip, on `surface` or on the one that they show.
     #[pyo3(signature = (images, color, times_s, surface, asked, progress))]
     #[allow(clippy::too_many_arguments)]
@@ -142,6 +168,77 @@ impl PaintedEstimator {
         warn_of(py, clip.batch.focal_doubt.as_ref())?;
         let spin = spin.map(|spin| Estimated::answer(spin, py, axes));
         Ok(tuple(py, clip, &rows, spin.transpose()?))
+    }
+}
+
+/// A frame of a stream: orientation and its covariance, agreement, the outline, the ball's center and its covariance, and why there is no orientation.
+type StreamTuple<'py> = (
+    Option<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, f64)>,
+    Option<(f64, f64, f64)>,
+    Option<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)>,
+    Option<String>,
+);
+
+/// A stream of frames, with the memory of its images.
+#[pyclass(frozen, module = "spindoe._native")]
+pub struct PaintedTracker {
+    state: Mutex<(PaintedStream, Buffers)>,
+    axes: CameraFrame,
+}
+
+#[pymethods]
+impl PaintedTracker {
+    /// The next frame, and the spin.
+    #[pyo3(signature = (image, color, time_s, circle))]
+    fn update<'py>(
+        &self,
+        py: Python<'py>,
+        image: &Bound<'py, PyAny>,
+        color: &str,
+        time_s: f64,
+        circle: Option<[f64; 3]>,
+    ) -> PyResult<(StreamTuple<'py>, Answer<Found<'py>>)> {
+        let outline = outline(circle)?;
+        let pixels = Pixels::new("image", image)?;
+        let samples = pixels.samples("image", raw_pixel(color)?)?;
+        let (pose, circle, position, fitted) = py
+            .detach(|| {
+                let mut guard = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+                let (stream, buffers) = &mut *guard;
+                let image = samples.view(buffers)?;
+                let state = stream.update(image, time_s, outline.as_ref())?;
+                Ok((
+                    state.pose,
+                    state.frame.circle,
+                    state.frame.position(),
+                    state.spin.map(|fit| (fit, *state.clock)),
+                ))
+            })
+            .or_raise()?;
+        let posed = pose.as_ref().ok().map(|pose| {
+            (
+                quaternion(py, &pose.rotation),
+                square(py, &pose.covariance),
+                pose.agreement,
+            )
+        });
+        let frame = (
+            posed,
+            circle.map(|c| (c.center.u, c.center.v, c.radius)),
+            position.map(|p| (vector(py, &p.center_m), square(py, &p.covariance))),
+            pose.err().map(|why| why.to_string()),
+        );
+        Ok((frame, spin::of_stream(py, fitted, self.axes)))
+    }
+
+    /// The frame of orientations, positions and spins.
+    fn frame(&self) -> &'static str {
+        self.axes.as_str()
+    }
+
+    fn reset(&self) {
+        let mut guard = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        guard.0.reset();
     }
 }
 

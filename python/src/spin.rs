@@ -212,7 +212,7 @@ fn estimate_tuple<'py>(
 }
 
 /// A fit for Python, of this motion.
-pub fn to_tuple<'py>(
+fn to_tuple<'py>(
     py: Python<'py>,
     fit: &Fit,
     motion: &FittedMotion,
@@ -310,6 +310,21 @@ pub fn in_axes<'py>(
             .collect(),
         covariance.map(|c| square(py, &turned_covariance(&turn, &c))),
     ))
+}
+
+/// The spin of a stream, by its window: without aliases, whose search is no work for every frame.
+pub fn of_stream<'py>(
+    py: Python<'py>,
+    fitted: Result<(Fit, Clock), SpinRejection>,
+    frame: CameraFrame,
+) -> Answer<Found<'py>> {
+    match fitted {
+        Ok((fit, clock)) => {
+            let constant = FittedMotion::Constant(fit);
+            Answer::Found(to_tuple(py, &fit, &constant, frame, &[], &[], &clock))
+        }
+        Err(rejection) => Answer::Rejected(rejection.to_string()),
+    }
 }
 
 /// Time-stamped orientations, by Python's keywords. Rows of NaN are frames without an orientation; the other columns are then not read.

@@ -127,3 +127,25 @@ def test_a_given_circle_and_bad_input(clip, estimator, found, tmp_path):
         spindoe.PaintedEstimator(outline="by hand")  # type: ignore[arg-type]
     with pytest.raises(OSError, match="absent"):
         spindoe.Surface.load(folder / "absent.npz")
+
+
+def test_a_stream_is_followed_on_the_surface(clip, estimator, found):
+    folder, images, times, _ = clip
+    tracker = estimator.tracker(folder / "ball.npz")
+    states = [tracker.update(image, time, color="rgb") for image, time in zip(images, times, strict=True)]
+    placed = [k for k, state in enumerate(states) if state.reason is None]
+    assert len(placed) > FRAMES * 0.8
+    for k in placed:
+        state = states[k]
+        off = abs(float(state.quaternion_wxyz @ found.quaternions_wxyz[k]))
+        assert found.reasons[k] is not None or 2 * np.degrees(np.arccos(min(off, 1.0))) < 8
+        assert state.covariance_rad2.shape == (3, 3) and state.agreement > 0.65 and state.frame == found.frame
+    assert not states[0].spin and "at least 3" in states[0].spin.reason
+    last = states[placed[-1]]
+    assert np.linalg.norm(last.spin.spin_rad_s) / (2 * np.pi) == pytest.approx(RPS, rel=0.1)
+    with pytest.raises(ValueError, match="later than the frame before"):
+        tracker.update(images[0], times[0], color="rgb")
+    tracker.reset()
+    assert tracker.update(images[0], times[0], color="rgb").time_s == times[0]
+    with pytest.raises(TypeError, match="cannot be pickled"):
+        pickle.dumps(tracker)

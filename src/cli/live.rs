@@ -5,34 +5,38 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
-use clap::Args;
+use clap::{ArgMatches, Args};
 use serde_json::{Value, json};
 
-use super::estimate::Asked;
 use super::estimate::balls::{self, shot_line, strobe_json, strobe_numbers, strobe_rows};
 use super::estimate::format::Format;
-use super::estimate::written::{Row, ball_json, own_row};
+use super::estimate::written::{Row, ball_json, circle_json, own_row};
+use super::estimate::{Asked, check_painted, painted};
 use super::images::read_ball;
 use super::inputs::say_camera;
 use super::pipe::{Pipe, pipe_format};
 use crate::clip::{
-    BallEstimate, BallTracks, BallsEstimator, LiveCheck, NamedFrame, SequenceConfig, Strobe,
-    Tracker, TrackerConfig, TrackerState, sort_from_left,
+    BallEstimate, BallTracks, BallsEstimator, LiveCheck, NamedFrame, PaintedStream, SequenceConfig,
+    Strobe, Tracker, TrackerConfig, TrackerState, painted_row, sort_from_left,
 };
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
 use crate::image::{ImageView, Picture};
 use crate::source::Frame;
 use crate::source::pipe::PipeFormat;
+use crate::spin::clock::Clock;
 use crate::spin::fictrac::FicTrac;
+use crate::spin::{Fit, SpinRejection};
+use crate::surface::SurfaceMap;
 use crate::vision::Estimator;
-use crate::vision::frame::prior::Budget;
+use crate::vision::frame::prior::{Budget, OutlinePrior};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
 One line of JSON a frame goes to standard output, the counts at the end to standard error. One ball is followed from frame to
 frame; a line has its orientation, and the spin of the last quarter of a second. With
---balls a line has all of them, with --strobe-ms the flashes of its exposure; with --as a line is what another program reads. Fields are those of `spindoe estimate --json`,
+--balls a line has all of them, with --strobe-ms the flashes of its exposure; with --as a line is what another program reads. Where
+--table is the surface of a painted ball, this is followed. Fields are those of `spindoe estimate --json`,
 and latency_ms, the time from the frame's arrival to its line.
 
 Without --fps a frame's time is that of its arrival; frames that come faster than they can be processed are then dropped
@@ -58,11 +62,17 @@ pub struct Arguments {
     asked: Asked,
 }
 
-pub fn run(arguments: &Arguments) -> Result<()> {
+pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     let asked = &arguments.asked;
     asked.check()?;
     let inputs = std::slice::from_ref(&arguments.input);
     asked.source.settle_camera(inputs, arguments.raw)?;
+    if let [path] = &asked.table[..]
+        && let Some(surface) = SurfaceMap::read_if_one(path)?
+    {
+        check_painted(given)?;
+        return painted_ball(arguments, surface);
+    }
     if !asked.is_several() {
         return one_ball(arguments);
     }
@@ -74,6 +84,29 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
+impl Arguments {
+    /// The ball's outline in all frames, where it is given.
+    fn outline(&self) -> Result<Option<OutlinePrior>> {
+        match self.asked.source.outlines()? {
+            (outline, None) => Ok(outline),
+            (_, Some(_)) => {
+                let problem = "expected U,V,R for frames that come, found a table of frames";
+                Err(Error::argument("circle", problem))
+            }
+        }
+    }
+
+    fn tracker(&self) -> Result<TrackerConfig> {
+        let mut sequence = SequenceConfig::default();
+        sequence.spin.max_rps = self.asked.max_rps();
+        Ok(TrackerConfig {
+            sequence,
+            max_latency: max_latency(self.max_latency_ms)?,
+            ..TrackerConfig::default()
+        })
+    }
+}
+
 /// Follows one ball.
 fn one_ball(arguments: &Arguments) -> Result<()> {
     let asked = &arguments.asked;
@@ -82,19 +115,9 @@ fn one_ball(arguments: &Arguments) -> Result<()> {
         return Err(Error::argument("--table", problem));
     };
     let estimator = Arc::new(asked.estimator(&read_ball(table)?, false)?);
-    let (outline, circles) = asked.source.outlines()?;
-    if circles.is_some() {
-        let problem = "expected U,V,R for frames that come, found a table of frames";
-        return Err(Error::argument("circle", problem));
-    }
+    let outline = arguments.outline()?;
     let shown_in = asked.frame()?;
-    let mut sequence = SequenceConfig::default();
-    sequence.spin.max_rps = asked.max_rps();
-    let config = TrackerConfig {
-        sequence,
-        max_latency: max_latency(arguments.max_latency_ms)?,
-        ..TrackerConfig::default()
-    };
+    let config = arguments.tracker()?;
     let mut check = LiveCheck::new(estimator.camera());
     let mut tracker = Tracker::new(estimator, config)?;
     if let Some(roi) = asked.source.roi()? {
@@ -121,6 +144,41 @@ fn one_ball(arguments: &Arguments) -> Result<()> {
     });
     say_camera(check.end().as_ref());
     followed
+}
+
+/// Follows one painted ball by its surface.
+fn painted_ball(arguments: &Arguments, surface: SurfaceMap) -> Result<()> {
+    let asked = &arguments.asked;
+    let outline = arguments.outline()?;
+    let axes = asked.frame()?;
+    let estimator = Arc::new(painted::estimator(asked)?);
+    let mut stream = PaintedStream::new(estimator, surface, arguments.tracker()?)?;
+    if let Some(roi) = asked.source.roi()? {
+        stream = stream.within(roi);
+    }
+    let mut fictrac = asked.fictrac()?.map(FicTrac::new);
+    asked.say_format()?;
+    each_frame(arguments, |image, number, time_s, arrived| {
+        let state = stream.update(image, time_s, outline.as_ref())?;
+        let row = own_row(NamedFrame::of(time_s, state.frame), axes);
+        let row = painted_row(row, state.pose.as_ref().ok(), axes);
+        let line = match &mut fictrac {
+            Some(fictrac) => {
+                fictrac.miss(number - fictrac.frames());
+                let row = fictrac.push(&row, taken_ms(arrived))?;
+                row.map(|row| row.to_string())
+            }
+            None => {
+                let mut json = painted::of_frame(row, &state.pose, axes).json;
+                json["circle"] = json!(state.frame.circle.as_ref().map(circle_json));
+                (json["frame"], json["time_s"]) = (number.into(), time_s.into());
+                add_spin(&mut json, state.spin, state.clock, axes);
+                json["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
+                Some(json.to_string())
+            }
+        };
+        Ok((state.pose.is_ok(), line))
+    })
 }
 
 /// Follows all balls of the frames, or reads the flashes of each.
@@ -295,18 +353,28 @@ fn line(
     let mut json = ball_json(&row, shown_in, frame);
     json["frame"] = number.into();
     json["time_s"] = time_s.into();
-    match state.spin {
+    add_spin(&mut json, state.spin, state.clock, shown_in);
+    json["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
+    json
+}
+
+/// Adds the spin now, or why there is none.
+fn add_spin(
+    json: &mut Value,
+    spin: &std::result::Result<Fit, SpinRejection>,
+    clock: &Clock,
+    axes: CameraFrame,
+) {
+    match spin {
         Ok(fit) => {
-            let turned = fit.turned(&shown_in.turn());
-            json["spin"] = crate::cli::spin_summary::fit_json(&turned, shown_in);
-            if !state.clock.is_right() {
-                json["spin"]["clock"] = json!(state.clock.words());
+            let turned = fit.turned(&axes.turn());
+            json["spin"] = crate::cli::spin_summary::fit_json(&turned, axes);
+            if !clock.is_right() {
+                json["spin"]["clock"] = json!(clock.words());
             }
         }
         Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),
     }
-    json["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
-    json
 }
 
 #[cfg(test)]

@@ -293,7 +293,7 @@ impl Parsed {
             #[cfg(feature = "vision")]
             Command::Estimate(arguments) => estimate::run(&arguments, given),
             #[cfg(feature = "vision")]
-            Command::Live(arguments) => live::run(&arguments),
+            Command::Live(arguments) => live::run(&arguments, given),
             Command::Spin(arguments) => spin::run(&arguments),
             Command::Validate(arguments) => validate::run(&arguments),
             Command::Identify(arguments) => identify::run(&arguments),

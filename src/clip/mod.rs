@@ -8,11 +8,13 @@ mod choice;
 pub(crate) mod config;
 pub(crate) mod evidence;
 pub(crate) mod focal;
+mod followed;
 pub mod frame_table;
 pub(crate) mod judgment;
 pub(crate) mod orientations;
 pub(crate) mod outlines;
 pub(crate) mod painted;
+mod painted_stream;
 mod read;
 pub mod rig;
 pub(crate) mod rolling;
@@ -36,7 +38,9 @@ pub use evidence::SequenceEvidence;
 pub use focal::{CameraCheck, FocalDoubt, LiveCheck, SeenOval, focal_doubt};
 pub use judgment::Judgment;
 pub use orientations::{NamedFrame, orientations};
+pub(crate) use painted::painted_row;
 pub use painted::{PaintedClip, PaintedEstimator, SurfaceObserver};
+pub use painted_stream::{PaintedState, PaintedStream};
 pub use rig::{
     CameraAgreement, CameraClip, ClockCheck, Fusion, Misfit, RigClip, RigConfig, RigDoubt,
     RigFrame, RigOutcome, combine, run_rig, run_rig_sources,

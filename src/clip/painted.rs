@@ -11,7 +11,9 @@ use crate::image::RgbImage;
 use crate::pattern::Pattern;
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::shared::ViewTurn;
-use crate::surface::{PaintedFrame, PaintedPoses, PaintedTracker, SYSTEMATIC, SurfaceMap};
+use crate::surface::{
+    PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, SYSTEMATIC, SurfaceMap,
+};
 use crate::vision::Budget;
 use crate::vision::frame::config::{CameraModel, OutlineMethod};
 use crate::vision::outline::circle::CircleConfig;
@@ -29,6 +31,7 @@ const DRIFT_WITHOUT_DISTANCE_DEG: f64 = 2.0;
 pub struct PaintedEstimator {
     /// Finds the outlines.
     pub finder: OutlineFinder,
+    pub(super) camera: CameraModel,
     tracker: PaintedTracker,
     drift_rad: f64,
 }
@@ -46,6 +49,7 @@ impl PaintedEstimator {
         };
         Ok(Self {
             finder: finder.with_ball_radius_m(ball_radius_m),
+            camera: *camera,
             tracker: PaintedTracker::new(camera),
             drift_rad: drift_deg.to_radians(),
         })
@@ -125,22 +129,35 @@ impl<K> PaintedClip<K> {
         let rows = frames.map(|(frame, pose)| {
             let pose = pose.as_ref().ok();
             let drift = pose.and(drift.as_ref()).zip(frame.time_s);
-            OrientationRow {
+            let row = OrientationRow {
                 frame: frame.name.clone(),
                 time_s: frame.time_s.unwrap_or(f64::NAN),
-                orientation: pose.map(|p| turn * p.rotation),
-                covariance: pose.map(|p| turned_covariance(&turn, &p.covariance)),
-                residual_rad: pose.map(|_| SYSTEMATIC),
                 turn: drift.map(|(drift, time_s)| drift(time_s)),
                 position: frame.estimate().position().map(|p| p.turned(&turn)),
                 ..OrientationRow::default()
-            }
+            };
+            painted_row(row, pose, axes)
         });
         Orientations {
             rows: rows.collect(),
             camera_frame: Some(axes),
             ..Orientations::default()
         }
+    }
+}
+
+/// A frame's row with its pose, in these axes, if it has one.
+pub(crate) fn painted_row(
+    row: OrientationRow,
+    pose: Option<&PaintedPose>,
+    axes: CameraFrame,
+) -> OrientationRow {
+    let turn = axes.turn();
+    OrientationRow {
+        orientation: pose.map(|p| turn * p.rotation),
+        covariance: pose.map(|p| turned_covariance(&turn, &p.covariance)),
+        residual_rad: pose.map(|_| SYSTEMATIC),
+        ..row
     }
 }
 
@@ -197,7 +214,7 @@ impl BatchObserver for SurfaceObserver {
     type Kept = PaintedFrame;
 
     fn keep(&self, image: &RgbImage, balls: &[BallEstimate]) -> Result<PaintedFrame> {
-        let take = |outline| PaintedFrame::take(&image.to_gray(), outline);
+        let take = |outline| PaintedFrame::take(image, outline);
         let outline = balls.first().and_then(|ball| ball.frame.outline.as_ref());
         let taken = outline.map(take).unwrap_or_default();
         let before = self.bytes.fetch_add(taken.bytes(), Ordering::Relaxed);

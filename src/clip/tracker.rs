@@ -25,26 +25,21 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use super::followed::FollowedOutline;
 use super::sequence::{SequenceConfig, TRUSTED, predict};
 use super::sequence_view::SequenceView;
-use crate::error::{Error, Result, require};
+use crate::error::{Result, require};
 use crate::image::{ImageView, Roi};
 use crate::recognize::Hint;
 use crate::spin::clock::Clock;
 use crate::spin::pair;
 use crate::spin::robust::RobustEstimator;
 use crate::spin::shared::{SharedError, ViewTurn};
-use crate::spin::{Fit, MIN_FRAMES, MIN_INTERVAL_S, Measurement, SpinRejection};
-use crate::vision::estimator::propose::NEARBY;
+use crate::spin::{Fit, MIN_FRAMES, Measurement, SpinRejection};
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::estimate::{FrameEstimate, Pose, SeenFrom};
 use crate::vision::frame::prior::{Budget, Follows, OutlinePrior, Prior, SearchDepth};
-use crate::vision::outline::circle::WHOLE;
 use crate::vision::outline::circle::coarse::CoarseSearch;
-use crate::vision::outline::path::OutlineMotion;
-
-/// After so many frames without a pose the ball is looked for in the whole frame.
-const PATIENCE: usize = 3;
 
 /// Frames follow each other where they are less than so many of the shortest steps apart: halfway to the two of a dropped frame, and no
 /// stamp jitters by half a step.
@@ -129,13 +124,8 @@ pub struct Tracker {
     /// Their times and the turns that they contain.
     turns: Vec<(f64, ViewTurn)>,
     frame: FrameEstimate,
-    motion: OutlineMotion,
-    /// Frames since the last pose.
-    missed: usize,
+    outline: FollowedOutline,
     spin: std::result::Result<Fit, SpinRejection>,
-    last_s: Option<f64>,
-    /// The shortest time between two frames so far, seconds.
-    shortest_s: f64,
 }
 
 impl Tracker {
@@ -155,11 +145,8 @@ impl Tracker {
             turned: Vec::with_capacity(config.window),
             turns: Vec::with_capacity(config.window),
             frame: FrameEstimate::default(),
-            motion: OutlineMotion::default(),
-            missed: 0,
+            outline: FollowedOutline::default(),
             spin: Err(NOTHING_SEEN),
-            last_s: None,
-            shortest_s: f64::INFINITY,
             roi: None,
             config,
         })
@@ -195,12 +182,10 @@ impl Tracker {
     /// Forgets everything: the next frame is the first of another trajectory.
     pub fn reset(&mut self) {
         self.window.clear();
-        self.motion.clear();
+        self.outline.reset();
         let searches = self.workspace.searches.iter_mut();
         searches.for_each(CoarseSearch::forget);
-        self.missed = 0;
         self.spin = Err(NOTHING_SEEN);
-        self.last_s = None;
     }
 
     /// Takes the next frame, of the time `time_s` in seconds. `outline` is the ball's outline, where it
@@ -216,16 +201,13 @@ impl Tracker {
         outline: Option<&OutlinePrior>,
     ) -> Result<TrackerState<'_>> {
         let begun = Instant::now();
-        self.check_time(time_s)?;
         let image = image.into();
         let whole = Roi::whole(image.width(), image.height());
         let part = self
             .roi
             .unwrap_or(whole)
             .within(whole.width, whole.height)?;
-        if let Some(before) = self.last_s.replace(time_s) {
-            self.shortest_s = self.shortest_s.min(time_s - before);
-        }
+        self.outline.begin(time_s, self.config.memory_s)?;
         self.forget(time_s);
         self.find(image, &part, time_s, outline, begun);
         let trusted = self.trusted_pose(time_s);
@@ -242,20 +224,6 @@ impl Tracker {
         Ok(self.state())
     }
 
-    fn check_time(&self, time_s: f64) -> Result<()> {
-        let earliest = self.last_s.map(|last| last + MIN_INTERVAL_S);
-        if time_s.is_finite() && earliest.is_none_or(|earliest| time_s >= earliest) {
-            return Ok(());
-        }
-        let expected = earliest.map_or("a finite number".to_owned(), |earliest| {
-            format!("at least {earliest} s, later than the frame before")
-        });
-        Err(Error::argument(
-            "time_s",
-            format!("expected {expected}, found {time_s}"),
-        ))
-    }
-
     /// Estimates the frame by what is expected of it.
     fn find(
         &mut self,
@@ -265,17 +233,7 @@ impl Tracker {
         given: Option<&OutlinePrior>,
         begun: Instant,
     ) {
-        let outline = given.copied().or_else(|| {
-            let circle = self.motion.predict(time_s)?;
-            let reach = match self.missed >= PATIENCE {
-                true => f64::INFINITY,
-                false => NEARBY * circle.radius / 3.0,
-            };
-            Some(OutlinePrior {
-                circle,
-                sigma_px: reach,
-            })
-        });
+        let outline = self.outline.expected(time_s, given);
         let prior = Prior {
             region: Some(*part),
             outline,
@@ -294,21 +252,9 @@ impl Tracker {
         let frame = &mut self.frame;
         self.estimator
             .estimate(image, &prior, &budget, &mut self.workspace, frame);
-        let is_seen = match frame.pose() {
-            Some(_) => {
-                self.missed = 0;
-                true
-            }
-            None => {
-                self.missed += 1;
-                self.missed <= PATIENCE && frame.fit.is_some_and(|f| f.support >= WHOLE)
-            }
-        };
-        if let Some(circle) = frame.circle.filter(|_| is_seen) {
-            self.motion.push(time_s, circle);
-        } else if self.missed > PATIENCE {
-            self.motion.clear();
-        }
+        let has_pose = frame.pose().is_some();
+        self.outline
+            .take(time_s, frame.circle, frame.fit.as_ref(), has_pose);
     }
 
     /// The frame's pose, if it is evidence.
@@ -360,13 +306,12 @@ impl Tracker {
     fn pair(&self) -> Option<[Measurement; 2]> {
         let pair = <[Measurement; 2]>::try_from(&self.turned[..]).ok()?;
         let step_s = pair[1].time_s - pair[0].time_s;
-        (step_s < ADJACENT * self.shortest_s).then_some(pair)
+        (step_s < ADJACENT * self.outline.shortest_s).then_some(pair)
     }
 
-    /// Drops poses and outlines that are too old.
+    /// Drops poses that are too old.
     fn forget(&mut self, time_s: f64) {
         let oldest = time_s - self.config.memory_s;
-        self.motion.forget(oldest);
         let is_old = |seen: &SeenFrame| seen.measurement.time_s < oldest;
         while self.window.front().is_some_and(is_old) {
             self.window.pop_front();
@@ -382,7 +327,7 @@ impl Tracker {
 }
 
 /// The spin's state before the first frame.
-const NOTHING_SEEN: SpinRejection = SpinRejection::TooFewFrames {
+pub(super) const NOTHING_SEEN: SpinRejection = SpinRejection::TooFewFrames {
     found: 0,
     needed: MIN_FRAMES,
 };

@@ -27,12 +27,31 @@ pub(crate) struct Clip<'a> {
     /// The outlines, and the standard deviations of their centers, pixels.
     circles: Vec<Option<(BallCircle, f64)>>,
     camera: CameraModel,
+    views: Views,
+    /// What the frames show that were reached so far.
+    pub faces: Vec<Option<Face>>,
+}
+
+/// What all views of a camera share.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Views {
     /// What all outlines are off, over the radius: u, v and radius.
     shift: [f64; 3],
     /// The camera's inverse distance, where it is not known.
     inverse_distance: Option<f64>,
-    /// What the frames show that were reached so far.
-    pub faces: Vec<Option<Face>>,
+}
+
+impl Views {
+    /// What is expected before any frame is seen.
+    pub fn of(camera: &CameraModel) -> Self {
+        Self {
+            shift: [0.0; 3],
+            inverse_distance: match camera {
+                CameraModel::Known(_) => None,
+                CameraModel::Unknown(expected) => Some(expected.inverse_distance),
+            },
+        }
+    }
 }
 
 /// Something that all views share: how far it is from what was expected before any frame was seen, and the standard deviation of that.
@@ -43,20 +62,21 @@ pub(crate) struct Shared {
 }
 
 impl<'a> Clip<'a> {
-    /// Of a camera, with no frame reached.
-    pub fn new(frames: &'a [PaintedFrame], camera: &CameraModel) -> Self {
+    /// Of a camera whose views share this, with no frame reached.
+    pub fn new(frames: &'a [PaintedFrame], camera: &CameraModel, views: Views) -> Self {
         let circles: Vec<_> = frames.iter().map(PaintedFrame::circle).collect();
         Self {
             frames,
             circles: steady(&circles),
             camera: *camera,
-            shift: [0.0; 3],
-            inverse_distance: match camera {
-                CameraModel::Known(_) => None,
-                CameraModel::Unknown(expected) => Some(expected.inverse_distance),
-            },
+            views,
             faces: Vec::new(),
         }
+    }
+
+    /// What all views share, as it is now.
+    pub fn views(&self) -> Views {
+        self.views
     }
 
     /// Number of frames.
@@ -75,21 +95,33 @@ impl<'a> Clip<'a> {
 
     /// Takes the faces of these frames.
     fn take(&mut self, frames: &[usize], maker: &FaceMaker) {
-        let taken = concurrency::map(frames, |&k| {
-            let (circle, sigma_px) = self.circles[k]?;
-            maker.take(&self.frames[k], &self.view(k)?, sigma_px / circle.radius)
-        });
+        let taken = concurrency::map(frames, |&k| self.face(k, maker));
         for (k, face) in frames.iter().zip(taken) {
             self.faces[*k] = face;
         }
     }
 
-    /// The ball in a frame, where its outline was found.
-    pub fn view(&self, k: usize) -> Option<BallView> {
-        self.seen(k, &self.shift, self.inverse_distance)
+    /// What a frame shows of the ball.
+    pub fn face(&self, k: usize, maker: &FaceMaker) -> Option<Face> {
+        let (circle, sigma_px) = self.circles[k]?;
+        maker.take(&self.frames[k], &self.view(k)?, sigma_px / circle.radius)
     }
 
-    fn seen(&self, k: usize, shift: &[f64; 3], inverse_distance: Option<f64>) -> Option<BallView> {
+    /// The outline of a frame, steadied by those of the others.
+    pub fn circle(&self, k: usize) -> Option<BallCircle> {
+        self.circles[k].map(|(circle, _)| circle)
+    }
+
+    /// The ball in a frame, where its outline was found.
+    pub fn view(&self, k: usize) -> Option<BallView> {
+        self.seen(k, &self.views)
+    }
+
+    fn seen(&self, k: usize, views: &Views) -> Option<BallView> {
+        let Views {
+            shift,
+            inverse_distance,
+        } = views;
         let near = |inverse_distance| Camera::Near { inverse_distance };
         let camera = inverse_distance.map_or_else(|| self.camera.at(None), near);
         let (mut circle, _) = self.circles[k]?;
@@ -102,10 +134,10 @@ impl<'a> Clip<'a> {
     /// What all views share: the shift of the outlines over their radii (u, v, radius), and the camera's inverse distance.
     pub fn shared(&self) -> [Shared; 4] {
         let shift = |j: usize| Shared {
-            off: self.shift[j],
+            off: self.views.shift[j],
             sigma: SHIFTS[j],
         };
-        let distance = match (self.inverse_distance, &self.camera) {
+        let distance = match (self.views.inverse_distance, &self.camera) {
             (Some(now), CameraModel::Unknown(expected)) => Shared {
                 off: now - expected.inverse_distance,
                 sigma: expected.sigma,
@@ -120,10 +152,10 @@ impl<'a> Clip<'a> {
 
     /// Moves what all views share, and takes the faces of the frames `asked` anew; [`Clip::catch_up`] takes those of the others.
     pub fn correct(&mut self, step: &Vector4<f64>, asked: &[usize], maker: &FaceMaker) {
-        for (shift, step) in self.shift.iter_mut().zip(step.iter()) {
+        for (shift, step) in self.views.shift.iter_mut().zip(step.iter()) {
             *shift = (*shift + step).clamp(-MOST, MOST);
         }
-        self.inverse_distance = self.farther(step[3]);
+        self.views.inverse_distance = self.farther(step[3]);
         self.take(asked, maker);
     }
 
@@ -136,17 +168,21 @@ impl<'a> Clip<'a> {
 
     fn farther(&self, step: f64) -> Option<f64> {
         let moved = |now: f64| (now + step).clamp(0.0, CameraModel::MAX_INVERSE_DISTANCE);
-        self.inverse_distance.map(moved)
+        self.views.inverse_distance.map(moved)
     }
 
     /// How the views of a frame differ by a step of each shared unknown.
     pub fn moved(&self, k: usize) -> Option<Moved> {
         let shifted = |j: usize| {
-            let mut shift = self.shift;
-            shift[j] += STEP;
-            self.seen(k, &shift, self.inverse_distance)
+            let mut views = self.views;
+            views.shift[j] += STEP;
+            self.seen(k, &views)
         };
-        let farther = self.seen(k, &self.shift, self.farther(STEP));
+        let farther = Views {
+            inverse_distance: self.farther(STEP),
+            ..self.views
+        };
+        let farther = self.seen(k, &farther);
         Some(Moved {
             own: self.view(k)?,
             others: [shifted(0)?, shifted(1)?, shifted(2)?, farther?],

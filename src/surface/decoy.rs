@@ -9,13 +9,13 @@
 use super::face::Face;
 use super::fit::FitSpace;
 use super::laid::{LAID, Laid, apart, few, numbers};
-use super::search::Search;
+use super::search::{Blurred, Search};
 use super::surface_map::{Grid, SurfaceMap};
 use crate::concurrency;
 use crate::stats::median;
 
 /// Frames of each half that are compared, and decoys laid on its surface, at most.
-const TESTED: usize = 12;
+pub(super) const TESTED: usize = 12;
 /// By so much more, after Fisher's transform, frames of one ball agree: 12 clips of three kinds were 0.5 to 1.5 above their decoys (`bench
 /// painted`, seeds 59000002 and 59000003), two sets of unrelated frames of 36 and 60 pixels -0.1 and 0.0.
 const MARGIN: f64 = 0.2;
@@ -72,20 +72,23 @@ impl Decoys<'_> {
     /// The best that a decoy agrees with a surface.
     fn by_chance(&self, surface: &SurfaceMap, frames: &[usize]) -> f64 {
         let blurred = self.search.blurred(self.grid, surface);
-        let agrees = |&k: &usize| {
-            let decoy = self.faces[k].as_ref()?.decoy();
-            let found = self.search.find(&blurred, &decoy, None);
-            let mut space = FitSpace::default();
-            let laid = found.iter().take(LAID);
-            let laid = laid.filter_map(|(r, _)| space.lay(self.grid, surface, &decoy, r));
-            laid.map(|l| l.agreement).max_by(f64::total_cmp)
-        };
+        let agrees = |&k: &usize| self.agreement(surface, &blurred, self.faces[k].as_ref()?);
         let agreements = concurrency::map(&few(frames, TESTED), agrees);
         agreements.into_iter().flatten().fold(0.0, f64::max)
+    }
+
+    /// The best that the decoy of a face agrees with a surface.
+    pub fn agreement(&self, surface: &SurfaceMap, blurred: &Blurred, face: &Face) -> Option<f64> {
+        let decoy = face.decoy();
+        let found = self.search.find(blurred, &decoy, None);
+        let mut space = FitSpace::default();
+        let laid = found.iter().take(LAID);
+        let laid = laid.filter_map(|(r, _)| space.lay(self.grid, surface, &decoy, r));
+        laid.map(|l| l.agreement).max_by(f64::total_cmp)
     }
 }
 
 /// Correlations are compared by Fisher's transform: the noise of one is then that of any other.
-fn stands_out(own: &mut [f64], by_chance: f64) -> bool {
+pub(super) fn stands_out(own: &mut [f64], by_chance: f64) -> bool {
     !own.is_empty() && median(own).atanh() > by_chance.atanh() + MARGIN
 }

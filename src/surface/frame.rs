@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::image::{GrayImage, Roi};
+use crate::image::{GrayImage, ImageView, Roi};
 use crate::vision::frame::outline::Outline;
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::optics::grid::Grid;
@@ -28,7 +28,8 @@ struct Kept {
 
 impl PaintedFrame {
     /// Of an image (values 0 to 1) and the ball's outline in it.
-    pub fn take(image: &GrayImage, outline: &Outline) -> Self {
+    pub fn take<'a>(image: impl Into<ImageView<'a>>, outline: &Outline) -> Self {
+        let image = image.into();
         let circle = outline.circle;
         let mut level = 0;
         while circle.radius / f64::from(1u32 << level) > MAX_RADIUS && level < 8 {
@@ -49,25 +50,16 @@ impl PaintedFrame {
         let part = Roi {
             left,
             top,
-            width,
-            height,
+            width: width * side,
+            height: height * side,
         };
-        let mut values = Vec::with_capacity(width * height);
-        for row in 0..height {
-            for column in 0..width {
-                let mut sum = 0.0;
-                for at in 0..side * side {
-                    let u = left + column * side + at % side;
-                    let v = top + row * side + at / side;
-                    sum += image.at(u as isize, v as isize);
-                }
-                let mean = sum / (side * side) as f32;
-                values.push((255.0 * mean).round().clamp(0.0, 255.0) as u8);
-            }
-        }
+        let mut gray = GrayImage::default();
+        image.shrink_into(&part, level, &mut gray);
+        let values = gray.values().iter();
+        let values = values.map(|value| (255.0 * value).round().clamp(0.0, 255.0) as u8);
         let center = outline.covariance.fixed_view::<2, 2>(0, 0);
         Self(Some(Arc::new(Kept {
-            values,
+            values: values.collect(),
             size: [width, height],
             grid: Grid::of(&part, level),
             circle,

@@ -5,7 +5,7 @@
 //! nothing is known. `track` follows a clip: each frame is laid on the surface that those before it show, from where the last turn leads,
 //! and what it shows joins the surface. After 16 frames, 32, 64 and so on, and at the end, `bundle` fits all frames, the surface, and what
 //! all views share in a `clip` (outlines that are off alike, the camera's distance) at once: a bundle adjustment of pixels, by which a turn
-//! that comes around closes. Frames that agree with the surface nowhere have no pose. Related: R. J. D. Moore et al., "FicTrac: a visual
+//! that comes around closes. `follow` lays the frames of a stream on the surface of an earlier clip. Frames that agree with the surface nowhere have no pose. Related: R. J. D. Moore et al., "FicTrac: a visual
 //! method for tracking spherical motion", J. Neurosci. Methods 225, 2014, which keeps a map of thresholded pixels.
 //!
 //! # What is promised
@@ -24,6 +24,7 @@ mod dots;
 mod face;
 mod file;
 mod fit;
+mod follow;
 mod frame;
 mod laid;
 mod mapper;
@@ -37,6 +38,7 @@ pub use chart::SurfaceChart;
 pub(crate) use darkness::Darkness;
 pub use darkness::SurfacePlace;
 pub use dots::{ExpectedDot, FoundDot, contrasts, find_dots};
+pub use follow::PaintedFollower;
 pub use frame::PaintedFrame;
 pub use mapper::{MappedClip, MappedFrame, PaintMapper};
 pub use surface_map::{PLACES, SurfaceMap};

@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 
 use super::bundle::{self, Paint};
-use super::clip::Clip;
+use super::clip::{Clip, Views};
 use super::decoy::Decoys;
 use super::face::{Face, FaceMaker};
 use super::fit::FitSpace;
@@ -19,14 +19,14 @@ use crate::vision::frame::config::CameraModel;
 use crate::vision::optics::camera::{BallView, Pixel};
 
 /// A frame that agrees so well lies where it was expected: right ones agreed by 0.93 in the middle, and 0.82 at the 5th percentile.
-const SURE: f64 = 0.8;
+pub(super) const SURE: f64 = 0.8;
 /// A frame that agrees less, next to where it was expected, is not placed: frames that drifted off agreed by 0.60 to 0.66, right ones at
 /// the 1st percentile by 0.77 (seed 35400001).
-const AGREES: f64 = 0.65;
+pub(super) const AGREES: f64 = 0.65;
 /// A frame that agrees by less than this part of the middle one so far is not taken into the surface.
 const GROWS: f64 = 0.85;
 /// After so many frames, and twice, four times .. as many, all of them are laid on the surface that they show.
-const FIRST_CHECK: usize = 16;
+pub(super) const FIRST_CHECK: usize = 16;
 /// A frame that agrees less, anywhere on the ball, is not placed: in flight, where a part of the surface is known, nine of ten wrong
 /// places agreed by less than 0.72, and nineteen of twenty right ones by more than 0.81; on treadmills, under a camera at a wrong
 /// distance, half of the wrong ones by less than 0.75 (seed 35400001, 6 clips each).
@@ -59,6 +59,20 @@ pub struct PaintedPose {
 }
 
 impl PaintedPose {
+    /// Of a face that lies on the surface, under its view.
+    pub(super) fn new(face: &Face, laid: &Laid, view: BallView) -> Self {
+        let center = face.center_sigma().powi(2);
+        let outline = Matrix3::from_diagonal(&[center, center, 0.0].into());
+        let other = Matrix3::from_diagonal_element(SYSTEMATIC * SYSTEMATIC);
+        let to_camera = view.to_camera();
+        Self {
+            rotation: to_camera * laid.rotation,
+            covariance: turned_covariance(&to_camera, &(laid.covariance + outline + other)),
+            agreement: laid.agreement,
+            view,
+        }
+    }
+
     /// Where a direction of the surface is seen, pixels; `None` on the far side.
     pub fn project(&self, direction: &Vec3) -> Option<Pixel> {
         let seen = self.view.to_camera().inverse() * (self.rotation * direction);
@@ -92,10 +106,10 @@ pub struct PaintedTrack {
 /// Finds painted balls' orientations.
 #[derive(Debug)]
 pub struct PaintedTracker {
-    grid: Grid,
-    search: Search,
-    maker: FaceMaker,
-    camera: CameraModel,
+    pub(super) grid: Grid,
+    pub(super) search: Search,
+    pub(super) maker: FaceMaker,
+    pub(super) camera: CameraModel,
 }
 
 impl PaintedTracker {
@@ -111,7 +125,7 @@ impl PaintedTracker {
 
     /// The poses of a clip's frames, in the order of time, relative to the first of them, and the surface.
     pub fn track(&self, frames: &[PaintedFrame]) -> PaintedTrack {
-        let mut clip = Clip::new(frames, &self.camera);
+        let mut clip = Clip::new(frames, &self.camera, Views::of(&self.camera));
         let mut laid = self.grow(&mut clip);
         for _ in 0..ROUNDS {
             laid = self.together(&mut clip, laid);
@@ -138,19 +152,13 @@ impl PaintedTracker {
     /// The poses on a surface that an earlier clip made, each frame alone.
     pub fn place(&self, frames: &[PaintedFrame], surface: &SurfaceMap) -> PaintedPoses {
         let blurred = self.search.blurred(&self.grid, surface);
-        let mut clip = Clip::new(frames, &self.camera);
+        let mut clip = Clip::new(frames, &self.camera, Views::of(&self.camera));
         clip.reach(clip.len(), &self.maker);
         let mut laid = concurrency::map(&clip.faces, |face| {
             let face = face.as_ref()?;
             self.lost(&mut FitSpace::default(), surface, &blurred, face, None)
         });
-        let asked = asked(&laid);
-        for _ in 0..STEPS {
-            let step = bundle::step(&self.grid, surface, Paint::Known, &clip, &asked, &mut laid);
-            let Some(shared) = step else { break };
-            clip.correct(&shared, &asked, &self.maker);
-        }
-        clip.catch_up(&asked, &self.maker);
+        self.fit_views(&mut clip, surface, &mut laid);
         let mut laid = self.settle(&clip.faces, surface, &laid);
         if !self.decoys(&clip.faces).are_beaten_on(surface, &laid) {
             laid.fill(None);
@@ -158,7 +166,23 @@ impl PaintedTracker {
         poses(&clip, &laid)
     }
 
-    fn decoys<'a>(&'a self, faces: &'a [Option<Face>]) -> Decoys<'a> {
+    /// What the views of a clip share, by frames that lie on a surface which others made.
+    pub(super) fn fit_views(
+        &self,
+        clip: &mut Clip<'_>,
+        surface: &SurfaceMap,
+        laid: &mut [Option<Laid>],
+    ) {
+        let asked = asked(laid);
+        for _ in 0..STEPS {
+            let step = bundle::step(&self.grid, surface, Paint::Known, clip, &asked, laid);
+            let Some(shared) = step else { break };
+            clip.correct(&shared, &asked, &self.maker);
+        }
+        clip.catch_up(&asked, &self.maker);
+    }
+
+    pub(super) fn decoys<'a>(&'a self, faces: &'a [Option<Face>]) -> Decoys<'a> {
         Decoys {
             grid: &self.grid,
             search: &self.search,
@@ -241,7 +265,7 @@ impl PaintedTracker {
     }
 
     /// Where a face lies of which nothing is known, or a neighbor's rotation.
-    fn lost(
+    pub(super) fn lost(
         &self,
         space: &mut FitSpace,
         surface: &SurfaceMap,
@@ -303,7 +327,7 @@ fn middle(laid: &[Option<Laid>]) -> f64 {
     median(&mut all)
 }
 
-fn better(one: Option<Laid>, other: Option<Laid>) -> Option<Laid> {
+pub(super) fn better(one: Option<Laid>, other: Option<Laid>) -> Option<Laid> {
     match (one, other) {
         (Some(a), Some(b)) => Some(if b.agreement > a.agreement { b } else { a }),
         (a, b) => a.or(b),
@@ -330,16 +354,7 @@ fn poses(clip: &Clip<'_>, laid: &[Option<Laid>]) -> PaintedPoses {
         let face = clip.faces[k].as_ref().ok_or(PaintedRejection::NoBall)?;
         let laid = laid[k].ok_or(PaintedRejection::Lost)?;
         let view = clip.view(k).ok_or(PaintedRejection::NoBall)?;
-        let center = face.center_sigma().powi(2);
-        let outline = Matrix3::from_diagonal(&[center, center, 0.0].into());
-        let other = Matrix3::from_diagonal_element(SYSTEMATIC * SYSTEMATIC);
-        let to_camera = view.to_camera();
-        Ok(PaintedPose {
-            rotation: to_camera * laid.rotation,
-            covariance: turned_covariance(&to_camera, &(laid.covariance + outline + other)),
-            agreement: laid.agreement,
-            view,
-        })
+        Ok(PaintedPose::new(face, &laid, view))
     };
     (0..laid.len()).map(pose).collect()
 }

@@ -140,8 +140,9 @@ const ONE_CAMERA: [&str; 13] = [
 /// What is for several balls, or several images of one.
 const SEVERAL: [&str; 2] = ["balls", "strobe_ms"];
 /// What only balls with dots have.
-const DOTS_ONLY: [&str; 12] = [
+const DOTS_ONLY: [&str; 13] = [
     "balls",
+    "max_latency_ms",
     "strobe_ms",
     "calibrate",
     "exposure_ms",
@@ -161,6 +162,21 @@ pub(super) enum Shown {
     Dots,
     /// One that is painted, with its surface where an earlier clip left it.
     Painted(Option<SurfaceMap>),
+}
+
+/// Refuses flags for which a painted ball has no use.
+pub(in crate::cli) fn check_painted(given: Option<&ArgMatches>) -> Result<()> {
+    let is_given = |id: &&&str| {
+        let source = given.filter(|g| g.try_contains_id(id).is_ok());
+        source.and_then(|g| g.value_source(id)) == Some(ValueSource::CommandLine)
+    };
+    match DOTS_ONLY.iter().find(is_given) {
+        Some(id) => {
+            let flag = format!("--{}", id.replace('_', "-"));
+            Err(Error::argument(flag, "cannot be used with a painted ball"))
+        }
+        None => Ok(()),
+    }
 }
 
 impl Arguments {
@@ -188,14 +204,7 @@ impl Arguments {
         if !is_painted {
             return Ok(Shown::Dots);
         }
-        let is_given = |id: &&&str| {
-            let source = given.filter(|g| g.try_contains_id(id).is_ok());
-            source.and_then(|g| g.value_source(id)) == Some(ValueSource::CommandLine)
-        };
-        if let Some(id) = DOTS_ONLY.iter().find(is_given) {
-            let flag = format!("--{}", id.replace('_', "-"));
-            return Err(Error::argument(flag, "cannot be used with a painted ball"));
-        }
+        check_painted(given)?;
         Ok(Shown::Painted(surface))
     }
 

@@ -9,7 +9,7 @@ mod output;
 mod overlay;
 #[cfg(feature = "plot")]
 mod page;
-mod painted;
+pub(super) mod painted;
 mod rig;
 mod verdict;
 #[cfg(feature = "plot")]
@@ -33,6 +33,7 @@ use crate::image::RgbImage;
 use crate::vision::{Estimator, FrameEstimate};
 pub use arguments::Arguments;
 use arguments::Shown;
+pub(super) use arguments::check_painted;
 pub(super) use asked::{Asked, Preset};
 use output::Report;
 

@@ -12,7 +12,7 @@ use super::page;
 use super::written::{
     ClipRows, FoundSpin, Row, add_orientation, add_spin, found_spin, say_times, spin_words,
 };
-use super::{Arguments, Picture, Pictures};
+use super::{Arguments, Asked, Picture, Pictures};
 use crate::ball::USUAL_BALL_MM;
 use crate::cli::inputs::{self, Counting};
 use crate::clip::{
@@ -37,9 +37,7 @@ const SMALL_PX: f64 = 50.0;
 pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result<()> {
     arguments.check_numbers()?;
     let asked = &arguments.asked;
-    let camera = asked.camera()?;
-    let radius_m = asked.ball_radius_m()?.unwrap_or(USUAL_RADIUS_M);
-    let estimator = PaintedEstimator::new(&camera, asked.source.outline, radius_m)?;
+    let estimator = estimator(asked)?;
     let config = arguments.batch()?;
     let file = arguments.output.as_deref().map(files::OutputFile::create);
     let file = file.transpose()?;
@@ -95,6 +93,12 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result
             },
         }),
     }
+}
+
+/// The estimator of a painted ball.
+pub(in crate::cli) fn estimator(asked: &Asked) -> Result<PaintedEstimator> {
+    let radius_m = asked.ball_radius_m()?.unwrap_or(USUAL_RADIUS_M);
+    PaintedEstimator::new(&asked.camera()?, asked.source.outline, radius_m)
 }
 
 /// What is kept of a frame: what it shows of the ball, and its picture where that is drawn.
@@ -219,7 +223,7 @@ impl<'a> Report<'a> {
 }
 
 /// What is written of a frame.
-fn of_frame(
+pub(in crate::cli) fn of_frame(
     row: OrientationRow,
     pose: &std::result::Result<PaintedPose, PaintedRejection>,
     axes: CameraFrame,

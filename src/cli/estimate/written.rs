@@ -88,7 +88,7 @@ pub(in crate::cli) fn ball_json(
     json
 }
 
-pub(super) fn circle_json(circle: &BallCircle) -> Value {
+pub(in crate::cli) fn circle_json(circle: &BallCircle) -> Value {
     json!({ "u": circle.center.u, "v": circle.center.v, "radius": circle.radius })
 }
 

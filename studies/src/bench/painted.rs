@@ -4,13 +4,16 @@
 //!
 //! The clips are those of `spindoe_studies::painted`. Errors are relative to the first frame with a pose; a pose is *wrong* where it is
 //! more than 10 deg off. *Chained* are the same frames two at a time, each pair's turn upon the turns before it: what following from frame
-//! to frame gives. *Again* is a second clip of the same ball on the surface of the first, each frame alone.
+//! to frame gives. *Again* is a second clip of the same ball on the surface of the first, each frame alone; *live* the same frames as they come.
+
+use std::sync::Arc;
 
 use nalgebra::Matrix3;
 use rayon::prelude::*;
+use spindoe::clip::{PaintedEstimator, PaintedStream, TrackerConfig};
 use spindoe::geometry::{Rotation, rotation_angle};
 use spindoe::spin::robust::SpinConfig;
-use spindoe::surface::{PaintedFrame, PaintedPoses, PaintedTracker};
+use spindoe::surface::{PaintedFrame, PaintedPose, PaintedPoses, PaintedTracker, SurfaceMap};
 use spindoe::synth::Rendering;
 use spindoe::validate::Proportion;
 use spindoe::vision::frame::{CameraModel, OutlineMethod};
@@ -23,6 +26,8 @@ use spindoe_studies::painted::{Handling, PaintedClip};
 
 /// A pose is wrong beyond so many degrees.
 const WRONG_DEG: f64 = 10.0;
+/// The balls' radius, m: no camera's intrinsics are known.
+const RADIUS_M: f64 = 0.02;
 /// Marks the second clip of a ball.
 const AGAIN: u64 = 77;
 
@@ -74,10 +79,49 @@ struct Judged {
     chi2: Vec<f64>,
     chained_deg: Vec<f64>,
     chained_ends_deg: Vec<f64>,
-    again: [u64; 3],
-    again_deg: Vec<f64>,
+    again: Placed,
+    live: Placed,
+    /// Of the stream's frames.
+    live_milliseconds: f64,
     spins_percent: Vec<f64>,
     milliseconds: f64,
+}
+
+/// Frames of a second clip on the surface of the first.
+#[derive(Default)]
+struct Placed {
+    frames: u64,
+    posed: u64,
+    wrong: u64,
+    errors_deg: Vec<f64>,
+}
+
+impl Placed {
+    /// Takes a frame, with its pose if it has one and the truth in the frame of the surface.
+    fn take(&mut self, pose: Option<&PaintedPose>, truth: &Rotation) {
+        self.frames += 1;
+        if let Some(pose) = pose {
+            let off = rotation_angle(&pose.rotation, truth).to_degrees();
+            self.posed += 1;
+            self.wrong += u64::from(off > WRONG_DEG);
+            self.errors_deg.push(off);
+        }
+    }
+
+    fn join(&mut self, other: Self) {
+        self.frames += other.frames;
+        self.posed += other.posed;
+        self.wrong += other.wrong;
+        self.errors_deg.extend(other.errors_deg);
+    }
+
+    fn say(&self, name: &str) {
+        let (posed, frames) = (self.posed, self.frames.max(1));
+        println!("  {name}, with a pose: {}", Proportion::new(posed, frames));
+        let wrong = Proportion::new(self.wrong, posed.max(1));
+        println!("  {name}, wrong: {wrong}");
+        println!("  {name}, error: {} deg", middle_and_most(&self.errors_deg));
+    }
 }
 
 impl Args {
@@ -152,20 +196,13 @@ impl Args {
         if !self.no_chain {
             judged.chain(&tracker, &seen);
         }
-        let again = self.see(&PaintedClip::random(handling, self.seed, k, AGAIN)?)?;
-        for (pose, truth) in tracker
-            .place(&again.frames, &track.surface)
-            .iter()
-            .zip(&again.truth)
-        {
-            judged.again[0] += 1;
-            if let Ok(pose) = pose {
-                let off = rotation_angle(&pose.rotation, &(truth * base)).to_degrees();
-                judged.again[1] += 1;
-                judged.again[2] += u64::from(off > WRONG_DEG);
-                judged.again_deg.push(off);
-            }
+        let second = PaintedClip::random(handling, self.seed, k, AGAIN)?;
+        let again = self.see(&second)?;
+        let poses = tracker.place(&again.frames, &track.surface);
+        for (pose, truth) in poses.iter().zip(&again.truth) {
+            judged.again.take(pose.as_ref().ok(), &(truth * base));
         }
+        judged.follow(&second, &again.camera, track.surface, &base)?;
         Ok(judged)
     }
 
@@ -248,6 +285,31 @@ impl Judged {
         }
     }
 
+    /// The frames of a clip as they come.
+    fn follow(
+        &mut self,
+        clip: &PaintedClip,
+        camera: &CameraModel,
+        surface: SurfaceMap,
+        base: &Rotation,
+    ) -> Outcome {
+        let estimator = PaintedEstimator::new(camera, OutlineMethod::default(), RADIUS_M)?;
+        let config = TrackerConfig::default();
+        let mut stream = PaintedStream::new(Arc::new(estimator), surface, config)?;
+        let mut number = 0;
+        clip.show(|shown| {
+            let clock = cpu_time::ThreadTime::now();
+            let time_s = f64::from(number) / clip.fps;
+            if let Ok(state) = stream.update(&shown.image, time_s, None) {
+                let pose = state.pose.as_ref().ok();
+                self.live.take(pose, &(shown.rotation * base));
+            }
+            self.live_milliseconds += 1e3 * clock.elapsed().as_secs_f64();
+            number += 1;
+        })?;
+        Ok(())
+    }
+
     fn chain(&mut self, tracker: &PaintedTracker, seen: &Seen) {
         let mut rotation = Rotation::identity();
         let base = seen.truth[0].inverse();
@@ -273,10 +335,9 @@ impl Judged {
         self.chi2.extend(one.chi2);
         self.chained_deg.extend(one.chained_deg);
         self.chained_ends_deg.extend(one.chained_ends_deg);
-        for (sum, more) in self.again.iter_mut().zip(one.again) {
-            *sum += more;
-        }
-        self.again_deg.extend(one.again_deg);
+        self.again.join(one.again);
+        self.live.join(one.live);
+        self.live_milliseconds += one.live_milliseconds;
         self.spins_percent.extend(one.spins_percent);
         self.milliseconds += one.milliseconds;
     }
@@ -301,17 +362,16 @@ impl Judged {
             "  chained, at the end: {} deg",
             middle_and_most(&self.chained_ends_deg)
         );
-        let [frames, posed, wrong] = self.again;
-        println!(
-            "  again, with a pose: {}",
-            Proportion::new(posed, frames.max(1))
-        );
-        println!("  again, wrong: {}", Proportion::new(wrong, posed.max(1)));
-        println!("  again, error: {} deg", middle_and_most(&self.again_deg));
+        self.again.say("again");
+        self.live.say("live");
         println!("  spin: {} %", middle_and_most(&self.spins_percent));
         println!(
             "  {:.1} ms a frame",
             self.milliseconds / self.frames.max(1) as f64
+        );
+        println!(
+            "  live, {:.1} ms a frame",
+            self.live_milliseconds / self.live.frames.max(1) as f64
         );
     }
 }

@@ -8,7 +8,7 @@ use spindoe::Vec3;
 use spindoe::clip::{
     CameraClip, Fusion, RigConfig, RigFrame, SequenceConfig, combine, estimate_passes, held_images,
 };
-use spindoe::geometry::{CameraFrame, Rotation};
+use spindoe::geometry::Rotation;
 use spindoe::image::{ImageView, RgbImage};
 use spindoe::pattern::Pattern;
 use spindoe::stats::{Proportion, quantile};
@@ -47,6 +47,9 @@ pub struct Args {
     /// All conditions instead of good ones.
     #[arg(long)]
     all: bool,
+    /// Dots where the pattern has them.
+    #[arg(long)]
+    exact: bool,
     /// The pattern.
     #[arg(long, default_value = "designs/dots40/pattern.csv")]
     pattern: std::path::PathBuf,
@@ -104,73 +107,55 @@ impl Args {
         ])
     }
 
-    fn clip(&self, pattern: &Pattern, rig: &Rig, seed: u64) -> spindoe::Result<(Vec<Seen>, usize)> {
+    /// The scene of a clip.
+    fn scene(&self) -> SynthConfig {
         let config = match self.all {
             true => SynthConfig::default(),
             false => SynthConfig::good(),
         };
+        match self.exact {
+            true => SynthConfig {
+                placement_sigma_rad: [0.0; 2],
+                ..config
+            },
+            false => config,
+        }
+    }
+
+    fn clip(&self, pattern: &Pattern, rig: &Rig, seed: u64) -> spindoe::Result<(Vec<Seen>, usize)> {
+        let config = self.scene();
         let clip = ClipConfig {
             fps: 350.0,
             ..ClipConfig::default()
         };
         let sequence =
             RigSequence::random(pattern, &config, &clip, rig, RADIUS_M, seed, self.frames)?;
-        let mut images: Vec<Vec<RgbImage>> = Vec::new();
+        let mut images: [Vec<RgbImage>; 2] = Default::default();
         let mut truths = Vec::new();
-        for camera in 0..2 {
-            let mut own = Vec::new();
-            for k in 0..self.frames {
+        for k in 0..self.frames {
+            for (camera, own) in images.iter_mut().enumerate() {
                 let frame = sequence.frame(camera, k)?;
                 own.push(frame.image);
                 if camera == 0 {
                     truths.push(frame.truth.camera_orientation());
                 }
             }
-            images.push(own);
         }
-        let views: Vec<Vec<ImageView<'_>>> = images
-            .iter()
-            .map(|own| own.iter().map(ImageView::from).collect())
-            .collect();
+        let views = images
+            .each_ref()
+            .map(|own| own.iter().map(ImageView::from).collect::<Vec<_>>());
         let times: Vec<f64> = (0..self.frames).map(|k| k as f64 / clip.fps).collect();
-        let estimators = rig.cameras().iter().map(|camera| {
-            let config = EstimatorConfig {
-                camera: Camera::Perspective(camera.calibration.intrinsics).into(),
-                ball_radius_m: Some(RADIUS_M),
-                ..EstimatorConfig::default()
-            };
-            Estimator::new(pattern, config, DetectorName::Cnn.build()?)
-        });
-        let estimators: Vec<Estimator> = estimators.collect::<spindoe::Result<_>>()?;
-        let sequence_config = SequenceConfig::default();
-        let mut clips = Vec::new();
-        for (estimator, views) in estimators.iter().zip(&views) {
-            let held = held_images(estimator, views);
-            let Ok((frames, _)) = estimate_passes(
-                estimator,
-                &sequence_config,
-                &Prior::default(),
-                views.len(),
-                Some(&times),
-                held,
-            );
-            clips.push(CameraClip {
-                estimator,
-                names: Vec::new(),
-                times_s: Some(times.clone()),
-                frames,
-            });
-        }
+        let estimators = estimators(pattern, rig)?;
+        let mut clips = clips(&estimators, &views, &times);
         let alone: Vec<Vec<FrameEstimate>> = clips.iter().map(|c| c.frames.clone()).collect();
         let config = RigConfig {
-            sequence: sequence_config,
+            sequence: SequenceConfig::default(),
             independent: false,
             min_confidence: EstimatorConfig::default().min_confidence,
         };
-        let outcome = combine(rig, &config, &mut clips, |camera, numbers, work| {
+        let Ok(outcome) = combine(rig, &config, &mut clips, |camera, numbers, work| {
             held_images(&estimators[camera], &views[camera])(numbers, work)
         })?;
-        let Ok(outcome) = outcome;
         let to_rig = [0, 1].map(|k| rig.cameras()[k].to_rig());
         let seen = |(k, frame): (usize, &RigFrame)| {
             let center = sequence.center_m(k);
@@ -187,16 +172,48 @@ impl Args {
                 fusion: frame.fusion,
             }
         };
-        debug_assert_eq!(
-            outcome.orientations(CameraFrame::Camera).rows.len(),
-            self.frames
-        );
         let doubts = outcome.doubts.len();
-        Ok((
-            outcome.frames.iter().enumerate().map(seen).collect(),
-            doubts,
-        ))
+        let seen = outcome.frames.iter().enumerate().map(seen);
+        Ok((seen.collect(), doubts))
     }
+}
+
+/// Each camera's.
+fn estimators(pattern: &Pattern, rig: &Rig) -> spindoe::Result<Vec<Estimator>> {
+    let of_camera = |camera: &RigCamera| {
+        let config = EstimatorConfig {
+            camera: Camera::Perspective(camera.calibration.intrinsics).into(),
+            ball_radius_m: Some(RADIUS_M),
+            ..EstimatorConfig::default()
+        };
+        Estimator::new(pattern, config, DetectorName::Cnn.build()?)
+    };
+    rig.cameras().iter().map(of_camera).collect()
+}
+
+/// Each camera's clip by itself.
+fn clips<'a>(
+    estimators: &'a [Estimator],
+    views: &[Vec<ImageView<'_>>],
+    times: &[f64],
+) -> Vec<CameraClip<'a>> {
+    let clips = estimators.iter().zip(views).map(|(estimator, views)| {
+        let Ok((frames, _)) = estimate_passes(
+            estimator,
+            &SequenceConfig::default(),
+            &Prior::default(),
+            views.len(),
+            Some(times),
+            held_images(estimator, views),
+        );
+        CameraClip {
+            estimator,
+            names: Vec::new(),
+            times_s: Some(times.to_vec()),
+            frames,
+        }
+    });
+    clips.collect()
 }
 
 fn say_answers(seen: &[&Seen]) {

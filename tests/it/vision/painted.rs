@@ -12,7 +12,8 @@ use spindoe::geometry::{
 use spindoe::image::GrayImage;
 use spindoe::pattern::Pattern;
 use spindoe::surface::{
-    PaintedFrame, PaintedPose, PaintedRejection, PaintedTrack, PaintedTracker, SurfaceMap,
+    PaintedFollower, PaintedFrame, PaintedPose, PaintedRejection, PaintedTrack, PaintedTracker,
+    SurfaceMap,
 };
 use spindoe::synth::blotches::Blotches;
 use spindoe::synth::{Scene, SynthConfig, SynthKind};
@@ -111,10 +112,14 @@ pub fn short_clip() -> PaintedTrack {
     tracker().track(&frames)
 }
 
-fn tracker() -> PaintedTracker {
-    PaintedTracker::new(&CameraModel::Known(Camera::Near {
+fn camera() -> CameraModel {
+    CameraModel::Known(Camera::Near {
         inverse_distance: 1.0 / DISTANCE,
-    }))
+    })
+}
+
+fn tracker() -> PaintedTracker {
+    PaintedTracker::new(&camera())
 }
 
 #[test]
@@ -214,6 +219,43 @@ fn frames_of_another_ball_and_frames_without_one_have_no_pose() {
         .filter(|p| matches!(p, Err(PaintedRejection::Lost)));
     assert!(lost.count() >= 11, "{placed:?}");
     assert!(matches!(placed[12], Err(PaintedRejection::NoBall)));
+}
+
+#[test]
+fn a_stream_is_placed_on_the_surface_of_an_earlier_clip_and_another_ball_is_not() {
+    let own = ball(1);
+    let frames: Vec<PaintedFrame> = turned().iter().map(|r| frame(&own, r, 7)).collect();
+    let tracker = tracker();
+    let surface = tracker.track(&frames).surface;
+    let mut follower = PaintedFollower::new(&camera(), surface.clone());
+    // Another turn than the clip's: 12 degrees a frame about a third axis.
+    let axis = Vec3::new(0.6, 0.5, -0.3).normalize() * 12f64.to_radians();
+    let truth = (0..40).map(|k| Rotation::from_scaled_axis(axis * f64::from(k)));
+    let truth: Vec<Rotation> = truth.collect();
+    let frames = truth.iter().zip(100..);
+    let frames: Vec<PaintedFrame> = frames.map(|(r, seed)| frame(&own, r, seed)).collect();
+    let together = tracker.place(&frames, &surface);
+    let mut errors = Vec::new();
+    for ((shown, together), truth) in frames.iter().zip(&together).zip(&truth) {
+        let alone = follower.place(shown).expect("a pose");
+        let together = together.as_ref().expect("a pose");
+        let off = rotation_angle(&alone.rotation, &together.rotation).to_degrees();
+        assert!(off < 3.0, "{off:.2} deg");
+        errors.push(rotation_angle(&alone.rotation, truth).to_degrees());
+    }
+    errors.sort_by(f64::total_cmp);
+    assert!(errors[20] < 2.5 && errors[39] < 8.0, "{errors:?}");
+
+    let mut follower = PaintedFollower::new(&camera(), surface);
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let other = ball(4);
+    let lost = (0..12).filter(|_| {
+        let shown = frame(&other, &random_rotation(&mut rng), 8);
+        follower.place(&shown).is_err()
+    });
+    assert!(lost.count() >= 11);
+    let nothing = follower.place(&PaintedFrame::default());
+    assert!(matches!(nothing, Err(PaintedRejection::NoBall)));
 }
 
 /// Each frame shows another ball: what agrees, agrees by chance.
@@ -374,6 +416,7 @@ fn the_command_follows_a_clip_and_places_another_on_its_surface() {
     }
     #[cfg(feature = "plot")]
     is_drawn(at, frames);
+    is_followed_live(at, &truth);
     for flag in ["--min-confidence=0.5", "--no-sequence"] {
         let name = flag.split('=').next().unwrap();
         for ball in ["--painted", "--table=ball.npz"] {
@@ -423,6 +466,45 @@ fn is_drawn(at: &std::path::Path, frames: &[serde_json::Value]) {
 }
 
 #[cfg(feature = "cli")]
+/// The clip's frames as they come, on its surface: lines of JSON, and FicTrac's.
+#[cfg(feature = "cli")]
+fn is_followed_live(at: &std::path::Path, truth: &spindoe::spin::orientations::Orientations) {
+    let images = std::fs::read_dir(at.join("clip/images")).unwrap();
+    let mut files: Vec<_> = images.map(|file| file.unwrap().path()).collect();
+    files.sort();
+    let stream = files.iter().flat_map(|path| std::fs::read(path).unwrap());
+    std::fs::write(at.join("stream"), stream.collect::<Vec<u8>>()).unwrap();
+    let distance = ["--config", "camera_distance_radii=20"];
+    let live = ["live", "stream", "--table", "ball.npz", "--fps", "200"];
+    let live = [&live[..], &distance].concat();
+    let lines = crate::common::done(at, &live);
+    let lines: Vec<serde_json::Value> = lines
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    assert_eq!(lines.len(), 30);
+    let base = truth.rows[0].orientation.unwrap().inverse();
+    let mut placed = 0;
+    for (line, truth) in lines.iter().zip(&truth.rows) {
+        let wxyz = &line["orientation_wxyz"];
+        assert_ne!(wxyz.is_array(), line["refusal"].is_string(), "{line}");
+        if wxyz.is_array() {
+            let wxyz: [f64; 4] = serde_json::from_value(wxyz.clone()).unwrap();
+            let found = spindoe::geometry::from_wxyz(wxyz, 1e-6).unwrap();
+            let off = rotation_angle(&found, &(truth.orientation.unwrap() * base)).to_degrees();
+            assert!(off < 8.0, "{off:.2} deg: {line}");
+            placed += 1;
+        }
+    }
+    assert!(placed >= 25, "{placed} of 30");
+    let rps = lines[29]["spin"]["rps"].as_f64().unwrap();
+    assert!((rps - 5.0).abs() < 0.5, "{rps} rps");
+    let rows = crate::common::done(at, &[&live[..], &["--as", "fictrac"]].concat());
+    assert_eq!(rows.lines().count(), placed);
+    let late = [&live[..], &["--max-latency-ms", "5"]].concat();
+    crate::common::refused(at, &late, 2, "--max-latency-ms");
+}
+
 #[test]
 fn a_clip_without_a_ball_leaves_no_surface() {
     let dir = tempfile::tempdir().unwrap();
