@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,6 +24,8 @@ from ._spin import Alias, Spin, SpinCurve, spin_of
 if TYPE_CHECKING:
     import matplotlib.axes
     import pandas
+
+    from ._vision import TrackerState
 
 FORMAT_VERSION = 1
 
@@ -151,6 +153,28 @@ class SequenceEstimate:
             raise ValueError(f"{name}: {error.args[0]}: expected it, found none") from error
         except (AttributeError, IndexError, TypeError, ValueError) as error:
             raise ValueError(f"{name}: {error}") from error
+
+    @classmethod
+    def of_states(cls, states: Iterable[TrackerState]) -> SequenceEstimate:
+        """What a tracker has said of its frames, to be tabulated, saved, drawn, or written as FicTrac's path. The spin is that of the last
+        state.
+
+        Without intrinsics each orientation is in the view frame of its own frame.
+        """
+        all_states = list(states)
+        frames = [state.frame for state in all_states]
+        poses = [frame.pose or None for frame in frames]
+        posed = [pose for pose in poses if pose is not None]
+        return cls(
+            frames,
+            all_states[-1].spin if all_states else Rejection("there are no frames"),
+            sum(not pose.hinted for pose in posed),
+            _column((4,), [pose and pose.quaternion_wxyz for pose in poses]),
+            _column((3, 3), [pose and pose.covariance for pose in poses]),
+            None,
+            posed[0].frame if posed else "camera",
+            np.array([state.time_s for state in all_states], np.float64),
+        )
 
     def to_dataframe(self) -> pandas.DataFrame:
         """A row a frame, with the columns of ``spindoe estimate``'s CSV, but for ``residual_rad``, and the outline, whether

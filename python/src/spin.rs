@@ -352,24 +352,15 @@ impl GivenRows<'_> {
     fn check(&self) -> PyResult<usize> {
         let count = require_orientations("quaternions", &self.times_s, &self.quaternions)?;
         let rows = Some(count);
-        let numbers: [(&str, &Option<Numbers<'_>>, &[Option<usize>]); 3] = [
-            ("confidences", &self.confidences, &[rows]),
-            (
-                "covariances_rad2",
-                &self.covariances_rad2,
-                &[rows, Some(3), Some(3)],
-            ),
-            (
-                "view_turns_rad",
-                &self.view_turns_rad,
-                &[rows, Some(ViewTurn::NUMBERS)],
-            ),
-        ];
-        for (name, values, shape) in numbers {
-            if let Some(values) = values {
-                require_shape(name, values, shape)?;
-            }
-        }
+        let require = |name, values: &Option<Numbers<'_>>, shape: &[Option<usize>]| {
+            let values = values.as_ref();
+            values.map_or(Ok(()), |values| require_shape(name, values, shape))
+        };
+        let block = [rows, Some(3), Some(3)];
+        let turns = [rows, Some(ViewTurn::NUMBERS)];
+        require("confidences", &self.confidences, &[rows])?;
+        require("covariances_rad2", &self.covariances_rad2, &block)?;
+        require("view_turns_rad", &self.view_turns_rad, &turns)?;
         let residuals = self.residuals_rad.as_ref().map(|r| r.shape());
         let matched = self.matched.as_ref().map(|m| m.shape());
         for (name, shape) in [("residuals_rad", residuals), ("matched", matched)] {

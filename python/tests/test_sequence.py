@@ -155,6 +155,28 @@ def test_numpy_reads_what_is_saved(found, tmp_path):
         assert np.isnan(file["pose_quaternions_wxyz"][5]).all()
 
 
+def test_a_trackers_states_are_tabulated_and_saved(clip, estimator, tmp_path):
+    images, times = clip
+    tracker = estimator.tracker(max_rps=50.0)
+    states = [tracker.update(image, time, color="rgb") for image, time in zip(images, times, strict=True)]
+    kept = spindoe.SequenceEstimate.of_states(iter(states))
+    assert kept.spin is states[-1].spin
+    assert all(frame is state.frame for frame, state in zip(kept.frames, states, strict=True))
+    table = kept.to_dataframe()
+    assert list(table["time_s"]) == times and table.attrs["frame"] == kept.frame
+    assert np.isnan(kept.quaternions_wxyz[5]).all() and table["reason"][5]
+    for k, state in enumerate(states):
+        if state.frame.pose:
+            np.testing.assert_array_equal(kept.quaternions_wxyz[k], state.frame.pose.quaternion_wxyz)
+            np.testing.assert_array_equal(kept.covariances_rad2[k], state.frame.pose.covariance)
+            assert kept.frame == state.frame.pose.frame
+    kept.save(tmp_path / "run.npz")
+    _same(kept, spindoe.SequenceEstimate.load(tmp_path / "run.npz"))
+    assert len(kept.fictrac()) == sum(bool(state.frame.pose) for state in states)
+    none = spindoe.SequenceEstimate.of_states([])
+    assert len(none.frames) == 0 and not none.spin and len(none.to_dataframe()) == 0
+
+
 def test_other_files_are_refused_in_one_line(found, table, tmp_path):
     path = tmp_path / "clip.npz"
     load = spindoe.SequenceEstimate.load

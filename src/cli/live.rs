@@ -15,9 +15,10 @@ use super::estimate::{Asked, check_painted, painted};
 use super::images::read_ball;
 use super::inputs::say_camera;
 use super::pipe::{Pipe, pipe_format};
+use crate::clip::painted::painted_row;
 use crate::clip::{
     BallEstimate, BallTracks, BallsEstimator, LiveCheck, NamedFrame, PaintedStream, SequenceConfig,
-    Strobe, Tracker, TrackerConfig, TrackerState, painted_row, sort_from_left,
+    Strobe, Tracker, TrackerConfig, TrackerState, sort_from_left,
 };
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;

@@ -38,7 +38,6 @@ pub use evidence::SequenceEvidence;
 pub use focal::{CameraCheck, FocalDoubt, LiveCheck, SeenOval, focal_doubt};
 pub use judgment::Judgment;
 pub use orientations::{NamedFrame, orientations};
-pub(crate) use painted::painted_row;
 pub use painted::{PaintedClip, PaintedEstimator, SurfaceObserver};
 pub use painted_stream::{PaintedState, PaintedStream};
 pub use rig::{

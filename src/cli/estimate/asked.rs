@@ -27,7 +27,7 @@ pub enum Preset {
 #[derive(Debug, Args)]
 pub struct Asked {
     /// The ball as a name, table, pattern or folder: the name of a shipped pattern (dots20), a table (.npz), a pattern (CSV of unit vectors
-    /// x,y,z), the folder of a design or calibration; for `estimate` the surface of a painted ball (--write-surface), too. Of
+    /// x,y,z), the folder of a design or calibration, or the surface of a painted ball (`estimate --write-surface`). Of
     /// several the one that fits all frames best is chosen.
     #[arg(long, value_name = "TABLE.npz")]
     pub table: Vec<PathBuf>,

@@ -24,7 +24,7 @@ use super::inputs::{self, Counting};
 use crate::calibrate::{CalibrationConfig, calibrate};
 use crate::clip::{
     self, BallEstimate, Batch, BatchConfig, BatchFrame, BatchObserver, SequenceEvidence,
-    SequenceRows, SequenceSmears, Work,
+    SequenceRows, SequenceSmears, Strobe, Work,
 };
 use crate::error::{Error, Result};
 use crate::files;
@@ -103,48 +103,78 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     }
     let so = "every frame is estimated independently";
     inputs::say_not_increasing(&batch, &arguments.images, so);
-    if several.is_some() {
-        let report = balls::Report::new(asked, &batch, strobe.as_ref(), arguments.motion)?;
+    let written = Written {
+        arguments,
+        batch: &batch,
         #[cfg(feature = "plot")]
-        if let Some(target) = overlay {
-            let frame = |k: usize| report.drawn(k, &estimators);
+        overlay,
+        file,
+    };
+    match several {
+        Some(_) => written.all_balls(&estimators, strobe.as_ref()),
+        None => written.one_ball(&estimators[table], &config),
+    }
+}
+
+/// A clip, and where what is found of it is written.
+struct Written<'a> {
+    arguments: &'a Arguments,
+    batch: &'a Batch<Picture>,
+    #[cfg(feature = "plot")]
+    overlay: Option<overlay::Target>,
+    file: Option<files::OutputFile>,
+}
+
+impl Written<'_> {
+    fn all_balls(self, estimators: &[Estimator], strobe: Option<&Strobe>) -> Result<()> {
+        let (arguments, batch) = (self.arguments, self.batch);
+        let asked = &arguments.asked;
+        let report = balls::Report::new(asked, batch, strobe, arguments.motion)?;
+        #[cfg(feature = "plot")]
+        if let Some(target) = self.overlay {
+            let frame = |k: usize| report.drawn(k, estimators);
             target.draw(&batch.times, batch.frames.len(), frame)?;
         }
         let text = report.text()?;
         #[cfg(feature = "plot")]
         if let Some(path) = &arguments.report {
-            page::write_balls(path, &estimators, &batch, &report)?;
+            page::write_balls(path, estimators, batch, &report)?;
         }
-        arguments.write(file, &text, || report.to_json())?;
+        arguments.write(self.file, &text, || report.to_json())?;
         report.say();
         asked.say_format()?;
-        return arguments.answered(report.no_answer());
+        arguments.answered(report.no_answer())
     }
-    let frame = asked.frame()?;
-    let smears = arguments.smears(&estimators[table], frame, &batch);
-    let named = batch.named();
-    let row_s = config.row_s(&batch.frames);
-    let rows = SequenceRows::new(&estimators[table], row_s, &named, frame);
-    let evidence = SequenceEvidence {
-        smears: smears.as_ref(),
-        rows: rows.as_ref(),
-    };
-    let report = Report::new(arguments, frame, &batch, &evidence);
-    // Rows that another program's format refuses leave nothing written.
-    let text = report.rows().text()?;
-    #[cfg(feature = "plot")]
-    if let Some(target) = overlay {
-        let frame = |k: usize| overlay::one_ball(&estimators[table], &batch.frames[k]);
-        target.draw(&batch.times, batch.frames.len(), frame)?;
+
+    fn one_ball(self, estimator: &Estimator, config: &BatchConfig) -> Result<()> {
+        let (arguments, batch) = (self.arguments, self.batch);
+        let asked = &arguments.asked;
+        let frame = asked.frame()?;
+        let smears = arguments.smears(estimator, frame, batch);
+        let named = batch.named();
+        let row_s = config.row_s(&batch.frames);
+        let rows = SequenceRows::new(estimator, row_s, &named, frame);
+        let evidence = SequenceEvidence {
+            smears: smears.as_ref(),
+            rows: rows.as_ref(),
+        };
+        let report = Report::new(arguments, frame, batch, &evidence);
+        // Rows that another program's format refuses leave nothing written.
+        let text = report.rows().text()?;
+        #[cfg(feature = "plot")]
+        if let Some(target) = self.overlay {
+            let frame = |k: usize| overlay::one_ball(estimator, &batch.frames[k]);
+            target.draw(&batch.times, batch.frames.len(), frame)?;
+        }
+        #[cfg(feature = "plot")]
+        if let Some(path) = &arguments.report {
+            page::write(path, estimator, batch, &report)?;
+        }
+        arguments.write(self.file, &text, || report.to_json())?;
+        report.say();
+        asked.say_format()?;
+        arguments.answered(report.no_answer())
     }
-    #[cfg(feature = "plot")]
-    if let Some(path) = &arguments.report {
-        page::write(path, &estimators[table], &batch, &report)?;
-    }
-    arguments.write(file, &text, || report.to_json())?;
-    report.say();
-    asked.say_format()?;
-    arguments.answered(report.no_answer())
 }
 
 /// The second pass: the ball is calibrated on the frames, which are then estimated again with its own
