@@ -28,8 +28,8 @@ fn words(shape: &[Option<usize>]) -> String {
     )
 }
 
-/// Checks a shape and that all numbers are finite.
-pub fn require_shape(name: &str, array: &Numbers<'_>, shape: &[Option<usize>]) -> PyResult<()> {
+/// Checks a shape.
+pub fn require_sides(name: &str, array: &Numbers<'_>, shape: &[Option<usize>]) -> PyResult<()> {
     let found = array.shape();
     let fits = found.len() == shape.len()
         && found
@@ -40,10 +40,16 @@ pub fn require_shape(name: &str, array: &Numbers<'_>, shape: &[Option<usize>]) -
         let problem = format!("expected shape {}, found {found:?}", words(shape));
         return Err(value_error(name, problem));
     }
+    Ok(())
+}
+
+/// Checks a shape and that all numbers are finite.
+pub fn require_shape(name: &str, array: &Numbers<'_>, shape: &[Option<usize>]) -> PyResult<()> {
+    require_sides(name, array, shape)?;
     match array.as_array().iter().position(|x| !x.is_finite()) {
         None => Ok(()),
         Some(at) => {
-            let per_row: usize = found.iter().skip(1).product();
+            let per_row: usize = array.shape().iter().skip(1).product();
             let row = at / per_row.max(1);
             Err(value_error(
                 name,

@@ -7,7 +7,7 @@ use spindoe::geometry::CameraFrame;
 use spindoe::spin::fictrac::{self, COLUMNS, FicTracConfig, NAMES};
 use spindoe::spin::orientations::{OrientationRow, Orientations};
 
-use crate::arrays::{Numbers, require_orientations, require_shape, rotation};
+use crate::arrays::{Numbers, require_orientations, require_sides, rotation};
 use crate::errors::{OrRaise, value_error};
 use crate::spin::covariance;
 
@@ -29,7 +29,7 @@ pub fn fictrac_rows<'py>(
     let count = require_orientations("quaternions_wxyz", &times_s, &quaternions)?;
     if let Some(covariances) = &covariances {
         let shape = [Some(count), Some(3), Some(3)];
-        require_shape("covariances_rad2", covariances, &shape)?;
+        require_sides("covariances_rad2", covariances, &shape)?;
     }
     if let Some(found) = max_bad_frames.filter(|n| *n < -1) {
         let problem = format!("expected a number, or -1 for never, found {found}");

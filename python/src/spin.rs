@@ -18,8 +18,8 @@ use spindoe::spin::summary::SpinSummary;
 use spindoe::spin::{Fit, Measurement, SpinRejection};
 
 use crate::arrays::{
-    Numbers, block3, blocks3, matrix3, quaternion, require_orientations, require_shape, rotation,
-    square, vector,
+    Numbers, block3, blocks3, matrix3, quaternion, require_orientations, require_shape,
+    require_sides, rotation, square, vector,
 };
 use crate::errors::{Answer, OrRaise, spin_rejection, value_error};
 use crate::work::abandonable;
@@ -352,15 +352,16 @@ impl GivenRows<'_> {
     fn check(&self) -> PyResult<usize> {
         let count = require_orientations("quaternions", &self.times_s, &self.quaternions)?;
         let rows = Some(count);
-        let require = |name, values: &Option<Numbers<'_>>, shape: &[Option<usize>]| {
-            let values = values.as_ref();
-            values.map_or(Ok(()), |values| require_shape(name, values, shape))
-        };
-        let block = [rows, Some(3), Some(3)];
-        let turns = [rows, Some(ViewTurn::NUMBERS)];
-        require("confidences", &self.confidences, &[rows])?;
-        require("covariances_rad2", &self.covariances_rad2, &block)?;
-        require("view_turns_rad", &self.view_turns_rad, &turns)?;
+        if let Some(confidences) = &self.confidences {
+            require_shape("confidences", confidences, &[rows])?;
+        }
+        // Their numbers are those of rows with an orientation.
+        if let Some(covariances) = &self.covariances_rad2 {
+            require_sides("covariances_rad2", covariances, &[rows, Some(3), Some(3)])?;
+        }
+        if let Some(turns) = &self.view_turns_rad {
+            require_sides("view_turns_rad", turns, &[rows, Some(ViewTurn::NUMBERS)])?;
+        }
         let residuals = self.residuals_rad.as_ref().map(|r| r.shape());
         let matched = self.matched.as_ref().map(|m| m.shape());
         for (name, shape) in [("residuals_rad", residuals), ("matched", matched)] {

@@ -265,6 +265,19 @@ def test_a_rejected_frame_has_a_row(found):
     assert rows["radius_px"][4] == found.frames[4].circle[2]
 
 
+def test_a_rejected_frame_counts_for_nothing_where_its_numbers_are_read(found):
+    assert np.isnan(found.covariances_rad2[5]).all()
+    path = found.fictrac()
+    assert len(path) == sum(bool(frame.pose) for frame in found.frames) and 6 not in path.to_dataframe().iloc[:, 0].to_list()
+    again = spindoe.fit_spin(found.times_s, found.quaternions_wxyz, covariances_rad2=found.covariances_rad2, frame=found.frame)
+    assert again and np.isfinite(again.covariance).all()
+    broken = found.covariances_rad2.copy()
+    broken[2] = np.nan
+    for of in (spindoe.fit_spin, spindoe.fictrac):
+        with pytest.raises(ValueError, match="covariances_rad2: row 2"):
+            of(found.times_s, found.quaternions_wxyz, covariances_rad2=broken)
+
+
 def test_where_an_extra_is_missing_one_line_says_what_to_install(found, clip, table, tmp_path, monkeypatch):
     frame, spin, times = found.frames[0], found.spin, found.times_s[:4]
     hasher = spindoe.compat.BayGeoHasher()
