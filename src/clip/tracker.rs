@@ -75,7 +75,7 @@ impl TrackerConfig {
     /// Checks the domains of all settings.
     ///
     /// # Errors
-    /// [`Error::Argument`] naming the setting.
+    /// [`crate::Error::Argument`] naming the setting.
     pub fn check(&self) -> Result<()> {
         let expected = format!("{MIN_FRAMES} to 1000");
         let inside = (MIN_FRAMES..=1000).contains(&self.window);
@@ -132,7 +132,7 @@ impl Tracker {
     /// A tracker that has seen nothing.
     ///
     /// # Errors
-    /// [`Error::Argument`] for a setting outside its domain.
+    /// [`crate::Error::Argument`] for a setting outside its domain.
     pub fn new(estimator: Arc<Estimator>, config: TrackerConfig) -> Result<Self> {
         config.check()?;
         // Not while frames come in.
@@ -192,7 +192,7 @@ impl Tracker {
     /// is known.
     ///
     /// # Errors
-    /// [`Error::Argument`] where the time is not finite or not later than that of the frame before; the
+    /// [`crate::Error::Argument`] where the time is not finite or not later than that of the frame before; the
     /// tracker then stays as it was.
     pub fn update<'a>(
         &mut self,
