@@ -18,7 +18,7 @@ use super::pipe::{Pipe, pipe_format};
 use crate::clip::painted::painted_row;
 use crate::clip::{
     BallEstimate, BallTracks, BallsEstimator, LiveCheck, NamedFrame, PaintedStream, SequenceConfig,
-    Strobe, Tracker, TrackerConfig, TrackerState, sort_from_left,
+    Strobe, Tracker, TrackerConfig, sort_from_left,
 };
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
@@ -27,6 +27,7 @@ use crate::source::Frame;
 use crate::source::pipe::PipeFormat;
 use crate::spin::clock::Clock;
 use crate::spin::fictrac::FicTrac;
+use crate::spin::orientations::OrientationRow;
 use crate::spin::{Fit, SpinRejection};
 use crate::surface::SurfaceMap;
 use crate::vision::Estimator;
@@ -68,9 +69,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     asked.check()?;
     let inputs = std::slice::from_ref(&arguments.input);
     asked.source.settle_camera(inputs, arguments.raw)?;
-    if let [path] = &asked.table[..]
-        && let Some(surface) = SurfaceMap::read_if_one(path)?
-    {
+    if let Some(surface) = asked.surface()? {
         check_painted(given)?;
         return painted_ball(arguments, surface);
     }
@@ -131,15 +130,14 @@ fn one_ball(arguments: &Arguments) -> Result<()> {
         let state = tracker.update(image, time_s, outline.as_ref())?;
         say_camera(check.push(rows, [state.frame]).as_ref());
         let is_identified = state.frame.pose().is_some();
+        let row = own_row(NamedFrame::of(time_s, state.frame), shown_in);
         let line = match &mut fictrac {
-            Some(fictrac) => {
-                // Frames that were dropped count.
-                fictrac.miss(number - fictrac.frames());
-                let row = own_row(NamedFrame::of(time_s, state.frame), shown_in);
-                let row = fictrac.push(&row, taken_ms(arrived))?;
-                row.map(|row| row.to_string())
+            Some(fictrac) => fictrac_line(fictrac, number, &row, arrived)?,
+            None => {
+                let json = ball_json(&row, shown_in, state.frame);
+                let spin = (state.spin, state.clock);
+                Some(line(json, (number, time_s, arrived), spin, shown_in))
             }
-            None => Some(line(shown_in, number, time_s, &state, arrived).to_string()),
         };
         Ok((is_identified, line))
     });
@@ -164,18 +162,12 @@ fn painted_ball(arguments: &Arguments, surface: SurfaceMap) -> Result<()> {
         let row = own_row(NamedFrame::of(time_s, state.frame), axes);
         let row = painted_row(row, state.pose.as_ref().ok(), axes);
         let line = match &mut fictrac {
-            Some(fictrac) => {
-                fictrac.miss(number - fictrac.frames());
-                let row = fictrac.push(&row, taken_ms(arrived))?;
-                row.map(|row| row.to_string())
-            }
+            Some(fictrac) => fictrac_line(fictrac, number, &row, arrived)?,
             None => {
                 let mut json = painted::of_frame(row, &state.pose, axes).json;
                 json["circle"] = json!(state.frame.circle.as_ref().map(circle_json));
-                (json["frame"], json["time_s"]) = (number.into(), time_s.into());
-                add_spin(&mut json, state.spin, state.clock, axes);
-                json["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
-                Some(json.to_string())
+                let spin = (state.spin, state.clock);
+                Some(line(json, (number, time_s, arrived), spin, axes))
             }
         };
         Ok((state.pose.is_ok(), line))
@@ -342,30 +334,27 @@ fn counts(processed: u64, dropped: u64, identified: u64) -> String {
     }
 }
 
-fn line(
-    shown_in: CameraFrame,
+/// The row of a followed frame in FicTrac's columns; frames that were dropped before it count.
+fn fictrac_line(
+    fictrac: &mut FicTrac,
     number: u64,
-    time_s: f64,
-    state: &TrackerState<'_>,
+    row: &OrientationRow,
     arrived: Instant,
-) -> Value {
-    let frame = state.frame;
-    let row = own_row(NamedFrame::of(time_s, frame), shown_in);
-    let mut json = ball_json(&row, shown_in, frame);
-    json["frame"] = number.into();
-    json["time_s"] = time_s.into();
-    add_spin(&mut json, state.spin, state.clock, shown_in);
-    json["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
-    json
+) -> Result<Option<String>> {
+    fictrac.miss(number - fictrac.frames());
+    let row = fictrac.push(row, taken_ms(arrived))?;
+    Ok(row.map(|row| row.to_string()))
 }
 
-/// Adds the spin now, or why there is none.
-fn add_spin(
-    json: &mut Value,
-    spin: &std::result::Result<Fit, SpinRejection>,
-    clock: &Clock,
+/// What is seen of a followed ball as a line: with the frame's number and time, the spin now or why there is none, and the latency.
+fn line(
+    mut json: Value,
+    (number, time_s, arrived): (u64, f64, Instant),
+    (spin, clock): (&std::result::Result<Fit, SpinRejection>, &Clock),
     axes: CameraFrame,
-) {
+) -> String {
+    json["frame"] = number.into();
+    json["time_s"] = time_s.into();
     match spin {
         Ok(fit) => {
             let turned = fit.turned(&axes.turn());
@@ -376,6 +365,8 @@ fn add_spin(
         }
         Err(rejection) => json["spin_refusal"] = rejection.to_string().into(),
     }
+    json["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
+    json.to_string()
 }
 
 #[cfg(test)]

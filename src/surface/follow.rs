@@ -14,9 +14,7 @@ use super::frame::PaintedFrame;
 use super::laid::{Laid, TURNED};
 use super::search::Blurred;
 use super::surface_map::SurfaceMap;
-use super::track::{
-    AGREES, FIRST_CHECK, PaintedPose, PaintedRejection, PaintedTracker, SURE, better, starts,
-};
+use super::track::{FIRST_CHECK, PaintedPose, PaintedRejection, PaintedTracker};
 use crate::geometry::rotation_angle;
 use crate::vision::frame::config::CameraModel;
 use crate::vision::optics::camera::BallCircle;
@@ -111,19 +109,7 @@ impl PaintedFollower {
         self.circle = clip.circle(newest);
         let face = clip.face(newest, &tracker.maker);
         let (face, view) = (face.zip(clip.view(newest))).ok_or(PaintedRejection::NoBall)?;
-        let mut best: Option<Laid> = None;
-        for start in starts(last.iter()) {
-            best = better(best, space.lay(&tracker.grid, surface, &face, &start));
-            if best.is_some_and(|b| b.agreement >= SURE) {
-                break;
-            }
-        }
-        if best.is_none_or(|b| b.agreement < SURE) {
-            let neighbor = last[0].map(|laid| laid.rotation);
-            let found = tracker.lost(space, surface, blurred, &face, neighbor);
-            best = better(best, found);
-        }
-        let best = best.filter(|b| b.agreement >= AGREES);
+        let best = tracker.next(space, surface, || &*blurred, &face, last.iter());
         if last[0].is_none() && self.decoys < TESTED {
             let decoys = tracker.decoys(&[]);
             let agreement = decoys.agreement(surface, blurred, &face).unwrap_or(0.0);

@@ -19,10 +19,10 @@ use crate::vision::frame::config::CameraModel;
 use crate::vision::optics::camera::{BallView, Pixel};
 
 /// A frame that agrees so well lies where it was expected: right ones agreed by 0.93 in the middle, and 0.82 at the 5th percentile.
-pub(super) const SURE: f64 = 0.8;
+const SURE: f64 = 0.8;
 /// A frame that agrees less, next to where it was expected, is not placed: frames that drifted off agreed by 0.60 to 0.66, right ones at
 /// the 1st percentile by 0.77 (seed 35400001).
-pub(super) const AGREES: f64 = 0.65;
+const AGREES: f64 = 0.65;
 /// A frame that agrees by less than this part of the middle one so far is not taken into the surface.
 const GROWS: f64 = 0.85;
 /// After so many frames, and twice, four times .. as many, all of them are laid on the surface that they show.
@@ -235,21 +235,13 @@ impl PaintedTracker {
                 all.push(Some(first));
                 continue;
             }
-            let mut best: Option<Laid> = None;
-            for start in starts(all.iter().rev()) {
-                let laid = space.lay(&self.grid, &surface, face, &start);
-                best = better(best, laid);
-                if best.as_ref().is_some_and(|b| b.agreement >= SURE) {
-                    break;
-                }
-            }
-            if best.as_ref().is_none_or(|b| b.agreement < SURE) {
-                let blurred =
-                    blurred.get_or_insert_with(|| self.search.blurred(&self.grid, &surface));
-                let last = all.last().and_then(|l| l.as_ref()).map(|l| l.rotation);
-                best = better(best, self.lost(&mut space, &surface, blurred, face, last));
-            }
-            let best = best.filter(|b| b.agreement >= AGREES);
+            let best = self.next(
+                &mut space,
+                &surface,
+                || blurred.get_or_insert_with(|| self.search.blurred(&self.grid, &surface)),
+                face,
+                all.iter().rev(),
+            );
             if let Some(laid) = best
                 .as_ref()
                 .filter(|b| b.agreement >= GROWS * middle(&all))
@@ -264,8 +256,34 @@ impl PaintedTracker {
         all
     }
 
+    /// Where a face lies that comes after others, which are given from the newest on: where their turn leads, else near the newest, else
+    /// anywhere, for which `blurred` is asked.
+    pub(super) fn next<'l, 'b>(
+        &self,
+        space: &mut FitSpace,
+        surface: &SurfaceMap,
+        blurred: impl FnOnce() -> &'b Blurred,
+        face: &Face,
+        mut before: impl Iterator<Item = &'l Option<Laid>> + Clone,
+    ) -> Option<Laid> {
+        let mut best: Option<Laid> = None;
+        let is_sure = |best: &Option<Laid>| best.as_ref().is_some_and(|b| b.agreement >= SURE);
+        for start in starts(before.clone()) {
+            best = better(best, space.lay(&self.grid, surface, face, &start));
+            if is_sure(&best) {
+                break;
+            }
+        }
+        if !is_sure(&best) {
+            let newest = before.next().and_then(|laid| laid.as_ref());
+            let near = newest.map(|laid| laid.rotation);
+            best = better(best, self.lost(space, surface, blurred(), face, near));
+        }
+        best.filter(|b| b.agreement >= AGREES)
+    }
+
     /// Where a face lies of which nothing is known, or a neighbor's rotation.
-    pub(super) fn lost(
+    fn lost(
         &self,
         space: &mut FitSpace,
         surface: &SurfaceMap,
@@ -327,7 +345,7 @@ fn middle(laid: &[Option<Laid>]) -> f64 {
     median(&mut all)
 }
 
-pub(super) fn better(one: Option<Laid>, other: Option<Laid>) -> Option<Laid> {
+fn better(one: Option<Laid>, other: Option<Laid>) -> Option<Laid> {
     match (one, other) {
         (Some(a), Some(b)) => Some(if b.agreement > a.agreement { b } else { a }),
         (a, b) => a.or(b),

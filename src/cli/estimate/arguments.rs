@@ -182,10 +182,7 @@ pub(in crate::cli) fn check_painted(given: Option<&ArgMatches>) -> Result<()> {
 impl Arguments {
     /// What ball the frames show, by its table or --painted; flags that it has no use for are refused.
     pub(super) fn shown(&self, given: Option<&ArgMatches>) -> Result<Shown> {
-        let surface = match &self.asked.table[..] {
-            [path] => SurfaceMap::read_if_one(path)?,
-            _ => None,
-        };
+        let surface = self.asked.surface()?;
         let is_painted = self.painted || surface.is_some();
         if self.write_surface.is_some() {
             let problem = match (is_painted, &self.asked.table[..]) {

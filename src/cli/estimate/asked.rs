@@ -14,6 +14,7 @@ use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
 use crate::spin::golf::{self, Flight};
 use crate::spin::robust::SpinConfig;
+use crate::surface::SurfaceMap;
 use crate::vision::frame::config::CameraModel;
 use crate::vision::{Estimator, EstimatorConfig};
 
@@ -106,6 +107,14 @@ impl Asked {
         let balls = read_balls(&self.table)?;
         let estimator = |ball: &Ball| self.estimator(ball, measures_blur);
         balls.iter().map(estimator).collect()
+    }
+
+    /// The surface of a painted ball, where the table is one.
+    pub fn surface(&self) -> Result<Option<SurfaceMap>> {
+        match &self.table[..] {
+            [path] => SurfaceMap::read_if_one(path),
+            _ => Ok(None),
+        }
     }
 
     /// That of a ball.

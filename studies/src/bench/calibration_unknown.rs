@@ -174,9 +174,7 @@ impl Args {
                 &mut workspace,
                 &mut found,
             );
-            let shown = found
-                .outline
-                .map(|o| PaintedFrame::take(&seen.image.to_gray(), &o));
+            let shown = found.outline.map(|o| PaintedFrame::take(&seen.image, &o));
             taken.push(shown.unwrap_or_default());
             estimates.push(found);
         })?;

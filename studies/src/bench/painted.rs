@@ -226,7 +226,7 @@ impl Args {
                 finder.find(&shown.image, &prior, &mut workspace, &mut found);
                 found.outline
             };
-            let taken = outline.map(|o| PaintedFrame::take(&shown.image.to_gray(), &o));
+            let taken = outline.map(|o| PaintedFrame::take(&shown.image, &o));
             seen.frames.push(taken.unwrap_or_default());
             seen.truth.push(shown.rotation);
         })?;

@@ -8,7 +8,7 @@ use spindoe::Vec3;
 use spindoe::clip::{
     CameraClip, Fusion, RigConfig, RigFrame, SequenceConfig, combine, estimate_passes, held_images,
 };
-use spindoe::geometry::Rotation;
+use spindoe::geometry::{CameraFrame, Rotation};
 use spindoe::image::{ImageView, RgbImage};
 use spindoe::pattern::Pattern;
 use spindoe::stats::{Proportion, quantile};
@@ -172,6 +172,10 @@ impl Args {
                 fusion: frame.fusion,
             }
         };
+        debug_assert_eq!(
+            outcome.orientations(CameraFrame::Camera).rows.len(),
+            self.frames
+        );
         let doubts = outcome.doubts.len();
         let seen = outcome.frames.iter().enumerate().map(seen);
         Ok((seen.collect(), doubts))
