@@ -6,6 +6,7 @@
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 #[cfg(feature = "native")]
@@ -50,10 +51,7 @@ pub(crate) fn threads() -> usize {
 
 /// The results of `work` on every item.
 pub(crate) fn map<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync + Send) -> Vec<R> {
-    #[cfg(feature = "native")]
-    return items.par_iter().map(work).collect();
-    #[cfg(not(feature = "native"))]
-    return items.iter().map(work).collect();
+    map_range(0..items.len() as u64, |k| work(&items[k as usize]))
 }
 
 /// The results of `work` on every number of the range.
@@ -61,10 +59,22 @@ pub(crate) fn map_range<R: Send>(
     range: Range<u64>,
     work: impl Fn(u64) -> R + Sync + Send,
 ) -> Vec<R> {
+    let results: Vec<Mutex<Option<R>>> = range.clone().map(|_| Mutex::new(None)).collect();
+    spread(results.len(), &|k| {
+        let result = work(range.start + k as u64);
+        *results[k].lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
+    });
+    let results = results.into_iter().map(Mutex::into_inner);
+    let results = results.flat_map(|r| r.unwrap_or_else(PoisonError::into_inner));
+    results.collect()
+}
+
+/// Works on all numbers below `count`: the one place from which threads get their share, compiled once for all kinds of work.
+fn spread(count: usize, work: &(dyn Fn(usize) + Sync)) {
     #[cfg(feature = "native")]
-    return range.into_par_iter().map(work).collect();
+    (0..count).into_par_iter().for_each(work);
     #[cfg(not(feature = "native"))]
-    return range.map(work).collect();
+    (0..count).for_each(work);
 }
 
 /// The result of `work` on the first number of the range whose result meets the condition.

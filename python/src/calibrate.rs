@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Matrix3, Matrix3x2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use spindoe::ball::DesignRecord;
-use spindoe::calibrate::{CalibrationConfig, calibrate};
+use spindoe::calibrate::{Calibration, CalibrationConfig, SteadyMark, calibrate};
 use spindoe::clip::{self, BatchConfig, BatchFrame, SequenceOutcome, TimeSource};
 use spindoe::geometry::tangent_frame;
 use spindoe::report::calibration::{
@@ -155,6 +155,28 @@ pub fn run<'py>(
         .transpose()?;
     let own = calibration.ball(Some(nominal.sha256()));
     let own = own.and_then(|ball| ball.with_design(design)).or_raise()?;
+    let frames = calibration.frames.iter();
+    Ok(Answer::Found((
+        HashTable::new(own),
+        dots(py, &calibration),
+        marks(py, &calibration),
+        frames.map(|f| frame_tuple(py, f)).collect(),
+        (
+            calibration.with_ball,
+            calibration.fitted,
+            calibration.with_rivals,
+        ),
+        (
+            calibration.noise_scale,
+            calibration.detection_rate,
+            calibration.smooth,
+            calibration.inverse_distance,
+        ),
+        report,
+    )))
+}
+
+fn dots<'py>(py: Python<'py>, calibration: &Calibration) -> Dots<'py> {
     let numbers = calibration.nominal_numbers();
     let number = |j: usize| {
         let at = numbers.iter().position(|n| *n == Some(j as u16));
@@ -170,44 +192,26 @@ pub fn run<'py>(
     let views: Vec<i64> = dots.iter().map(|dot| dot.views as i64).collect();
     let expected: Vec<f64> = dots.iter().map(|dot| dot.expected_views).collect();
     let numbered: Vec<i64> = (0..dots.len()).map(number).collect();
-    let marks = calibration.marks.iter().map(|mark| {
-        let covariance = mark
-            .covariance
-            .map(|c| square(py, &in_space(&mark.direction, &c)));
+    (
+        states.collect(),
+        rows(py, &places),
+        blocks3(py, &covariances),
+        views.into_pyarray(py),
+        expected.into_pyarray(py),
+        numbered.into_pyarray(py),
+    )
+}
+
+fn marks<'py>(py: Python<'py>, calibration: &Calibration) -> Vec<MarkTuple<'py>> {
+    let tuple = |mark: &SteadyMark| {
+        let covariance = mark.covariance.as_ref();
+        let covariance = covariance.map(|c| square(py, &in_space(&mark.direction, c)));
         (
             vector(py, &mark.direction),
             covariance,
             mark.found,
             mark.views,
         )
-    });
-    Ok(Answer::Found((
-        HashTable::new(own),
-        (
-            states.collect(),
-            rows(py, &places),
-            blocks3(py, &covariances),
-            views.into_pyarray(py),
-            expected.into_pyarray(py),
-            numbered.into_pyarray(py),
-        ),
-        marks.collect(),
-        calibration
-            .frames
-            .iter()
-            .map(|f| frame_tuple(py, f))
-            .collect(),
-        (
-            calibration.with_ball,
-            calibration.fitted,
-            calibration.with_rivals,
-        ),
-        (
-            calibration.noise_scale,
-            calibration.detection_rate,
-            calibration.smooth,
-            calibration.inverse_distance,
-        ),
-        report,
-    )))
+    };
+    calibration.marks.iter().map(tuple).collect()
 }

@@ -126,7 +126,7 @@ impl BatchObserver for Listener {
         false
     }
 
-    fn progress(&self, _: &[BatchFrame<()>]) {
+    fn progress(&self, _: &[BatchFrame]) {
         self.count();
     }
 }

@@ -53,7 +53,7 @@ impl BatchObserver for Painting<'_> {
         self.paint.keep(image, balls)
     }
 
-    fn progress(&self, _: &[BatchFrame<PaintedFrame>]) {
+    fn progress(&self, _: &[BatchFrame]) {
         self.listener.count();
     }
 }

@@ -5,7 +5,7 @@
 //! ([`abandonable`]) is left to end by itself.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -67,39 +67,34 @@ impl Drop for Flag {
     }
 }
 
-/// Waits for a result; Ctrl-C sets the flag, and ends the wait where that is to be `at_once`.
-fn listen<T>(
-    results: &Receiver<T>,
-    flag: &AtomicBool,
-    at_once: bool,
-) -> (Option<T>, Option<PyErr>) {
-    let mut raised = None;
-    loop {
-        match results.recv_timeout(LISTEN) {
-            Ok(result) => return (Some(result), raised),
-            // The work has panicked.
-            Err(RecvTimeoutError::Disconnected) => return (None, raised),
-            Err(RecvTimeoutError::Timeout) => {}
-        }
-        if raised.is_none()
+/// Waits until the sender is gone; Ctrl-C sets the flag, and ends the wait where that is to be `at_once`.
+fn listen(ended: &Receiver<()>, flag: &AtomicBool, at_once: bool) -> PyResult<()> {
+    let mut raised = Ok(());
+    while ended.recv_timeout(LISTEN) == Err(RecvTimeoutError::Timeout) {
+        if raised.is_ok()
             && let Err(error) = Python::attach(|py| py.check_signals())
         {
             flag.store(true, Ordering::Relaxed);
-            raised = Some(error);
+            raised = Err(error);
             if at_once {
-                return (None, raised);
+                break;
             }
         }
     }
+    raised
 }
 
-/// What Python gets: the result, or what was raised.
-fn heard<T>((result, raised): (Option<T>, Option<PyErr>)) -> PyResult<T> {
-    match (raised, result) {
-        (Some(error), _) => Err(error),
-        (None, Some(value)) => Ok(value),
-        (None, None) => panic!("the work has panicked"),
-    }
+/// Takes what work has found.
+fn taken<T>(found: &Mutex<Option<T>>) -> T {
+    let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+    found.take().expect("the work has panicked")
+}
+
+/// Does work, and lays down what it finds; that the `sender` goes says that it has ended.
+fn done<T>(work: impl FnOnce() -> T, found: &Mutex<Option<T>>, sender: Sender<()>) {
+    let value = work();
+    *found.lock().unwrap_or_else(PoisonError::into_inner) = Some(value);
+    drop(sender);
 }
 
 /// Runs `work` on the pool while this thread listens for Ctrl-C. That sets the flag, and the call raises once the work has ended: it looks
@@ -111,16 +106,15 @@ pub fn interruptible<T: Send>(
     let pool = pool()?;
     let flag = Flag::take();
     let stop = StopFlag::new(flag.0);
-    heard(py.detach(|| {
+    let found = Mutex::new(None);
+    py.detach(|| {
         pool.in_place_scope(|scope| {
-            let (sender, results) = channel();
-            scope.spawn(move |_| {
-                // The listener goes with this scope only.
-                let _ = sender.send(work(stop));
-            });
-            listen(&results, flag.0, false)
+            let (sender, ended) = channel();
+            scope.spawn(|_| done(|| work(stop), &found, sender));
+            listen(&ended, flag.0, false)
         })
-    }))
+    })?;
+    Ok(taken(&found))
 }
 
 /// Runs `work`, which owns all that it needs, on the pool while this thread listens for Ctrl-C. That raises at once; the flag is set, and
@@ -132,15 +126,16 @@ pub fn abandonable<T: Send + 'static>(
     let pool = pool()?;
     let flag = Flag::take();
     let shown = flag.0;
-    heard(py.detach(|| {
-        let (sender, results) = channel();
+    let found = Arc::new(Mutex::new(None));
+    let to = Arc::clone(&found);
+    py.detach(|| {
+        let (sender, ended) = channel();
         pool.spawn(move || {
             // It is another's again when this work has ended.
             let own = flag;
-            let found = work(StopFlag::new(own.0));
-            // Nobody may wait any more.
-            let _ = sender.send(found);
+            done(|| work(StopFlag::new(own.0)), &to, sender);
         });
-        listen(&results, shown, true)
-    }))
+        listen(&ended, shown, true)
+    })?;
+    Ok(taken(&found))
 }

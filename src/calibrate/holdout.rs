@@ -112,27 +112,32 @@ pub fn held_out_with(
     let judged: Result<Vec<_>> = crate::concurrency::map_range(0..folds as u64, judge)
         .into_iter()
         .collect();
-    let mut frames: Vec<HeldOutFrame> = judged?.into_iter().flatten().collect();
-    frames.sort_by_key(|f| f.frame);
-    let both: Vec<[FrameResidual; 2]> = frames
-        .iter()
-        .filter_map(|f| Some([f.before?, f.after?]))
-        .collect();
-    let of = |side: usize| {
-        let mut residuals: Vec<f64> = both.iter().map(|b| b[side].residual_deg).collect();
-        let matched: usize = both.iter().map(|b| b[side].matched).sum();
-        (
-            median(&mut residuals),
-            matched as f64 / both.len().max(1) as f64,
-        )
-    };
-    let (before, after) = (of(0), of(1));
-    Ok(HeldOut {
-        folds,
-        frames,
-        median_deg: [before.0, after.0],
-        mean_matched: [before.1, after.1],
-    })
+    Ok(HeldOut::of(folds, judged?.into_iter().flatten().collect()))
+}
+
+impl HeldOut {
+    fn of(folds: usize, mut frames: Vec<HeldOutFrame>) -> Self {
+        frames.sort_by_key(|f| f.frame);
+        let both: Vec<[FrameResidual; 2]> = frames
+            .iter()
+            .filter_map(|f| Some([f.before?, f.after?]))
+            .collect();
+        let of = |side: usize| {
+            let mut residuals: Vec<f64> = both.iter().map(|b| b[side].residual_deg).collect();
+            let matched: usize = both.iter().map(|b| b[side].matched).sum();
+            (
+                median(&mut residuals),
+                matched as f64 / both.len().max(1) as f64,
+            )
+        };
+        let (before, after) = (of(0), of(1));
+        Self {
+            folds,
+            frames,
+            median_deg: [before.0, after.0],
+            mean_matched: [before.1, after.1],
+        }
+    }
 }
 
 fn residual(frame: &FrameEstimate) -> Option<FrameResidual> {

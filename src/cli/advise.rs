@@ -245,6 +245,15 @@ fn print_words(advice: &Advice, config: &AdviceConfig, seed: u64) {
             p.error_ratio.map_or("-".to_owned(), ratio)
         );
     }
+    print_spins(advice, config);
+    print_changes(advice);
+    outln!("Brackets are 95 % intervals (shares: Wilson).");
+    if let Some(best) = advice.patterns.first() {
+        take(&best.name, best.dot_diameter, config.ball_mm);
+    }
+}
+
+fn print_spins(advice: &Advice, config: &AdviceConfig) {
     outln!(
         "{} sequences of {} frames, of patterns that are not clearly worse than the first:",
         config.sequences,
@@ -273,11 +282,6 @@ fn print_words(advice: &Advice, config: &AdviceConfig, seed: u64) {
         "Spins beyond {:.0} rps have a slower alias at this frame rate.",
         advice.unique_up_to_rps
     );
-    print_changes(advice);
-    outln!("Brackets are 95 % intervals (shares: Wilson).");
-    if let Some(best) = advice.patterns.first() {
-        take(&best.name, best.dot_diameter, config.ball_mm);
-    }
 }
 
 /// The changes that help beyond what chance does: of the others nothing is known.

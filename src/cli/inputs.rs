@@ -83,7 +83,7 @@ impl<O: BatchObserver> BatchObserver for Counting<O> {
         self.keeper.wants_images()
     }
 
-    fn progress(&self, frames: &[BatchFrame<O::Kept>]) {
+    fn progress(&self, frames: &[BatchFrame]) {
         if let Some(last) = frames.last() {
             self.note_dots(&last.balls);
         }

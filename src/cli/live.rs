@@ -202,23 +202,7 @@ fn all_balls(
         let mut line = json!({ "frame": number, "time_s": time_s });
         let mut shot = None;
         let mut rows = match strobe {
-            None => {
-                let numbers = tracks.update(time_s, &balls);
-                tracks.reject_foreign(&mut balls, &numbers);
-                let numbered = numbers.into_iter().zip(&balls);
-                let row = |(number, ball): (Option<usize>, &BallEstimate)| {
-                    let row = own_row(NamedFrame::of(time_s, &ball.frame), shown_in);
-                    let mut row = Row::of_ball(asked, shown_in, row, number, ball);
-                    if let Some((table, share)) = number.and_then(|n| tracks.table(n)) {
-                        row.json["table"] = asked.table[table].display().to_string().into();
-                        row.json["table_probability"] = share.into();
-                    }
-                    (number, row)
-                };
-                let mut rows: Vec<_> = numbered.map(row).collect();
-                rows.sort_by_key(|(number, _)| *number);
-                rows.into_iter().map(|(_, row)| row).collect()
-            }
+            None => tracked_rows(asked, shown_in, &mut tracks, time_s, &mut balls),
             Some(strobe) => {
                 sort_from_left(&mut balls);
                 let found = strobe.read(&balls, shown_in);
@@ -243,6 +227,30 @@ fn all_balls(
     });
     say_camera(check.and_then(|mut c| c.end()).as_ref());
     followed
+}
+
+/// The rows of the balls of a frame, by their numbers.
+fn tracked_rows(
+    asked: &Asked,
+    shown_in: CameraFrame,
+    tracks: &mut BallTracks,
+    time_s: f64,
+    balls: &mut [BallEstimate],
+) -> Vec<Row> {
+    let numbers = tracks.update(time_s, balls);
+    tracks.reject_foreign(balls, &numbers);
+    let row = |(number, ball): (Option<usize>, &BallEstimate)| {
+        let row = own_row(NamedFrame::of(time_s, &ball.frame), shown_in);
+        let mut row = Row::of_ball(asked, shown_in, row, number, ball);
+        if let Some((table, share)) = number.and_then(|n| tracks.table(n)) {
+            row.json["table"] = asked.table[table].display().to_string().into();
+            row.json["table_probability"] = share.into();
+        }
+        (number, row)
+    };
+    let mut rows: Vec<_> = numbers.into_iter().zip(&*balls).map(row).collect();
+    rows.sort_by_key(|(number, _)| *number);
+    rows.into_iter().map(|(_, row)| row).collect()
 }
 
 /// When a frame that has arrived was taken, ms since midnight (UTC), by the clock of the computer.

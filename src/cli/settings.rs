@@ -118,12 +118,12 @@ pub(super) fn expanded(
 }
 
 /// Where settings came from.
-enum Place<'a> {
+enum SettingPlace<'a> {
     File(&'a Path),
     Flag,
 }
 
-impl Place<'_> {
+impl SettingPlace<'_> {
     fn error(&self, key: &str, problem: impl Into<String>) -> Error {
         match self {
             Self::File(path) => Error::input(path, key, problem),
@@ -133,16 +133,16 @@ impl Place<'_> {
 }
 
 /// The settings of a file, or of `KEY=VALUE`.
-fn read(source: &str) -> Result<(toml::Table, Place<'_>)> {
+fn read(source: &str) -> Result<(toml::Table, SettingPlace<'_>)> {
     if let Some((key, value)) = source.split_once('=').filter(|(key, _)| is_key(key)) {
         // What is no TOML is a text without quotes.
         let parsed = toml::from_str(source);
         let text =
             || toml::Table::from_iter([(key.to_owned(), toml::Value::String(value.to_owned()))]);
-        return Ok((parsed.unwrap_or_else(|_| text()), Place::Flag));
+        return Ok((parsed.unwrap_or_else(|_| text()), SettingPlace::Flag));
     }
     let path = Path::new(source);
-    read_toml(path).map(|table| (table, Place::File(path)))
+    read_toml(path).map(|table| (table, SettingPlace::File(path)))
 }
 
 /// What a TOML file states.

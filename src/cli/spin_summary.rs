@@ -115,20 +115,24 @@ pub(super) fn lines(summary: &SpinSummary, frame: CameraFrame) -> Vec<String> {
     // Below the limit the line says all of them.
     let is_said = |limit: f64| fit.motion.rps() <= limit;
     if !summary.unique_up_to_rps.is_some_and(is_said) {
-        lines.extend(summary.alternatives.iter().take(MAX_PRINTED).map(|a| {
-            format!(
-                "  also possible: {:.3} rps about {}, odds {} against it",
-                a.spin.norm() / TAU,
-                axis_words(&a.spin),
-                odds(fit, a),
-            )
-        }));
-        let more = summary.alternatives.len().saturating_sub(MAX_PRINTED);
-        if more > 0 {
-            lines.push(format!("  and {more} more"));
-        }
+        lines.extend(alternative_lines(fit, &summary.alternatives));
     }
     lines
+}
+
+/// The first alternatives, and how many more there are.
+fn alternative_lines(fit: &Fit, alternatives: &[Alternative]) -> impl Iterator<Item = String> {
+    let line = |a: &Alternative| {
+        format!(
+            "  also possible: {:.3} rps about {}, odds {} against it",
+            a.spin.norm() / TAU,
+            axis_words(&a.spin),
+            odds(fit, a),
+        )
+    };
+    let more = alternatives.len().saturating_sub(MAX_PRINTED);
+    let rest = (more > 0).then(|| format!("  and {more} more"));
+    alternatives.iter().take(MAX_PRINTED).map(line).chain(rest)
 }
 
 /// The odds against an alternative, where all decades of a spin are equally likely beforehand.

@@ -34,8 +34,8 @@ pub trait BatchObserver: Sync {
         true
     }
 
-    /// Sees the frames that are estimated, one more each time.
-    fn progress(&self, _frames: &[BatchFrame<Self::Kept>]) {}
+    /// Sees the frames that are estimated, one more each time; what is kept of them is not there yet.
+    fn progress(&self, _frames: &[BatchFrame]) {}
 }
 
 /// Keeps nothing, says nothing.
@@ -53,7 +53,7 @@ impl BatchObserver for () {
 
 /// A frame of a clip.
 #[derive(Debug, Clone)]
-pub struct BatchFrame<K> {
+pub struct BatchFrame<K = ()> {
     /// The file's stem, or the video's with the frame's number.
     pub name: String,
     /// The file.
@@ -95,6 +95,21 @@ impl<K> BatchFrame<K> {
         }
     }
 
+    /// The frame with something else kept of it, and what was kept.
+    pub(super) fn keeping<L>(self, kept: L) -> (BatchFrame<L>, K) {
+        let frame = BatchFrame {
+            name: self.name,
+            path: self.path,
+            time_s: self.time_s,
+            first_row_s: self.first_row_s,
+            balls: self.balls,
+            size: self.size,
+            unreadable: self.unreadable,
+            kept,
+        };
+        (frame, self.kept)
+    }
+
     /// Takes back the poses of all its balls.
     pub(super) fn reject(&mut self, why: FrameRejection) {
         self.balls.iter_mut().for_each(|ball| ball.reject(why));
@@ -125,7 +140,7 @@ pub enum SequenceOutcome {
 
 /// All frames, and what became of them as a sequence.
 #[derive(Debug, Clone)]
-pub struct Batch<K> {
+pub struct Batch<K = ()> {
     /// In the order of the inputs.
     pub frames: Vec<BatchFrame<K>>,
     /// See [`SequenceOutcome`].
@@ -145,6 +160,21 @@ pub struct Batch<K> {
 }
 
 impl<K> Batch<K> {
+    /// The clip with something else kept of each frame.
+    pub(super) fn keeping<L>(self, kept: Vec<L>) -> Batch<L> {
+        let frames = self.frames.into_iter().zip(kept);
+        Batch {
+            frames: frames.map(|(frame, kept)| frame.keeping(kept).0).collect(),
+            sequence: self.sequence,
+            judgment: self.judgment,
+            focal_doubt: self.focal_doubt,
+            times: self.times,
+            skipped: self.skipped,
+            cut_short: self.cut_short,
+            sources: self.sources,
+        }
+    }
+
     /// Number of balls with an orientation; of one ball, of frames.
     pub fn identified(&self) -> usize {
         let balls = self.frames.iter().flat_map(|f| &f.balls);

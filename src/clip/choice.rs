@@ -7,7 +7,6 @@
 //! Guarantees: neither the number of threads nor, where a hypothesis leads, the order of the tables changes the choice. It is not the answer: the
 //! verdict on all frames judges it. Frames that were looked at are held, and not decoded twice, up to 64 MiB.
 
-use super::batch::BatchObserver;
 use super::judgment::Candidate;
 use super::read::Reading;
 use super::run::Pass;
@@ -29,7 +28,7 @@ const MUTE: usize = 8;
 /// Lead over all others, ln of the odds, from which on no further frame is looked at.
 const SURE: f64 = 10.0;
 
-impl<O: BatchObserver> Pass<'_, O> {
+impl Pass<'_> {
     /// The table of a clip of one ball.
     pub(super) fn choose_table(&self, reading: &mut Reading<'_>) -> Result<usize> {
         let tables = self.work.tables();

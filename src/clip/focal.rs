@@ -351,7 +351,7 @@ impl LiveCheck {
 
 impl FocalDoubt {
     /// What the frames of a clip say of the camera of a work.
-    pub(super) fn of_clip<K>(work: &Work<'_>, batch: &Batch<K>) -> Option<Self> {
+    pub(super) fn of_clip(work: &Work<'_>, batch: &Batch) -> Option<Self> {
         let mut check = match work {
             Work::Outlines(finder) => CameraCheck::new(finder.intrinsics()?, false),
             _ => CameraCheck::of_camera(work.tables().first()?.camera())?,

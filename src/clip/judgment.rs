@@ -61,7 +61,7 @@ impl Default for Judgment {
 }
 
 /// A frame's time, where it has one, and what is seen in it of a ball.
-type Seen<'a> = (Option<f64>, &'a FrameEstimate);
+type SeenBall<'a> = (Option<f64>, &'a FrameEstimate);
 
 /// A table, seen directly or in a mirror.
 pub(super) struct Candidate<'a> {
@@ -89,11 +89,11 @@ impl<'a> Candidate<'a> {
     }
 
     /// What frames say of it: their scores, and their orientations where they have one and a time.
-    fn scores(&self, seen: &[Seen<'_>]) -> Result<(Vec<FrameScore>, Vec<Measurement>)> {
-        let chunks: Vec<&[Seen<'_>]> = seen.chunks(CHUNK).collect();
+    fn scores(&self, seen: &[SeenBall<'_>]) -> Result<(Vec<FrameScore>, Vec<Measurement>)> {
+        let chunks: Vec<&[SeenBall<'_>]> = seen.chunks(CHUNK).collect();
         let scored = concurrency::map(&chunks, |chunk| -> Result<Vec<_>> {
             let mut scorer = Scorer::new(&self.estimator)?;
-            let one = |(time_s, estimate): &Seen<'_>| {
+            let one = |(time_s, estimate): &SeenBall<'_>| {
                 let mut estimate = FrameEstimate::clone(estimate);
                 let score = scorer.identify(&mut estimate);
                 let pose = time_s.zip(estimate.pose());
@@ -122,7 +122,7 @@ impl<'a> Candidate<'a> {
 
     /// Adds what frames of no known times say.
     pub fn learn(&self, hypothesis: &mut BallHypothesis, seen: &[FrameEstimate]) -> Result<()> {
-        let seen: Vec<Seen<'_>> = seen.iter().map(|estimate| (None, estimate)).collect();
+        let seen: Vec<SeenBall<'_>> = seen.iter().map(|estimate| (None, estimate)).collect();
         hypothesis.frames.extend(self.scores(&seen)?.0);
         Ok(())
     }
@@ -131,18 +131,18 @@ impl<'a> Candidate<'a> {
 impl Judgment {
     /// Judges a clip, one ball's by the table in use. Balls that none of the tables fits, and all where the images are mirrored, keep no
     /// pose.
-    pub(super) fn of_clip<K>(
+    pub(super) fn of_clip(
         work: &Work<'_>,
         table: usize,
         config: &BatchConfig,
-        batch: &mut Batch<K>,
+        batch: &mut Batch,
     ) -> Result<Self> {
         let (tables, spin) = (work.tables(), config.sequence.spin);
         match work {
             Work::Outlines(_) => Ok(Self::default()),
             Work::Poses(_) => {
                 let all = batch.frames.iter();
-                let seen: Vec<Seen<'_>> = all.map(|f| (f.time_s, f.estimate())).collect();
+                let seen: Vec<SeenBall<'_>> = all.map(|f| (f.time_s, f.estimate())).collect();
                 let mut this = Self::of(&Candidate::of_tables(tables)?, &seen, spin)?;
                 // Too little to choose: the table in use stands.
                 this.table = this.fitting().unwrap_or(table);
@@ -156,9 +156,9 @@ impl Judgment {
     }
 
     /// Judges what is seen of one ball, by no more frames than it takes.
-    fn of(candidates: &[Candidate<'_>], seen: &[Seen<'_>], spin: SpinConfig) -> Result<Self> {
+    fn of(candidates: &[Candidate<'_>], seen: &[SeenBall<'_>], spin: SpinConfig) -> Result<Self> {
         let stride = seen.len().div_ceil(MAX_FRAMES).max(1);
-        let chosen: Vec<Seen<'_>> = seen.iter().step_by(stride).copied().collect();
+        let chosen: Vec<SeenBall<'_>> = seen.iter().step_by(stride).copied().collect();
         let rounds = chosen.len().div_ceil(ROUND).max(1);
         let mut fitter = RobustEstimator::new(spin);
         let mut hypotheses: Vec<BallHypothesis> = candidates.iter().map(|c| c.unseen()).collect();
@@ -166,7 +166,7 @@ impl Judgment {
         let mut verdict = Verdict::Open;
         for round in 0..rounds {
             let spread = chosen.iter().skip(round).step_by(rounds);
-            let spread: Vec<Seen<'_>> = spread.copied().collect();
+            let spread: Vec<SeenBall<'_>> = spread.copied().collect();
             let learned = hypotheses.iter_mut().zip(&mut measured);
             for (candidate, (hypothesis, measured)) in candidates.iter().zip(learned) {
                 let (scores, poses) = candidate.scores(&spread)?;
@@ -219,11 +219,11 @@ impl Judgment {
     }
 
     /// Judges the balls of frames that show several, or several images of one.
-    fn of_balls<K>(
+    fn of_balls(
         tables: &[Estimator],
         is_strobed: bool,
         spin: SpinConfig,
-        batch: &mut Batch<K>,
+        batch: &mut Batch,
     ) -> Result<Self> {
         let places = match &batch.sequence {
             SequenceOutcome::Numbered(numbered) => of_numbers(&numbered.numbers),
@@ -345,10 +345,10 @@ fn share_a_motion(fitter: &mut RobustEstimator, poses: &[Measurement]) -> bool {
 }
 
 /// The frame and the number in it of each ball of a set.
-type Places = Vec<(usize, usize)>;
+type BallPlaces = Vec<(usize, usize)>;
 
 /// The balls of each number.
-fn of_numbers(numbers: &[Vec<Option<usize>>]) -> Vec<Places> {
+fn of_numbers(numbers: &[Vec<Option<usize>>]) -> Vec<BallPlaces> {
     let count = numbers
         .iter()
         .flatten()
@@ -367,7 +367,7 @@ fn of_numbers(numbers: &[Vec<Option<usize>>]) -> Vec<Places> {
 }
 
 /// All images of exposures; of frames whose balls have no numbers the ball that says most.
-fn unnumbered<K>(frames: &[BatchFrame<K>], is_strobed: bool) -> Places {
+fn unnumbered(frames: &[BatchFrame], is_strobed: bool) -> BallPlaces {
     let mut places = Vec::new();
     for (frame, BatchFrame { balls, .. }) in frames.iter().enumerate() {
         let says = |ball: &usize| {

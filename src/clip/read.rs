@@ -124,7 +124,7 @@ impl<'a> Reading<'a> {
             threads,
             new_workspace,
             |workspace, (number, frame)| work(number, frame, workspace),
-            &mut Taken(take),
+            &mut TakenFrames(take),
         )?;
         Ok(self.ends)
     }
@@ -143,9 +143,9 @@ impl FrameSource for Reading<'_> {
 }
 
 /// Takes results in their order.
-struct Taken<F>(F);
+struct TakenFrames<F>(F);
 
-impl<T, F: FnMut(T)> Sink<Result<T>> for Taken<F> {
+impl<T, F: FnMut(T)> Sink<Result<T>> for TakenFrames<F> {
     type Error = crate::Error;
 
     fn take(&mut self, done: Result<T>) -> Result<()> {

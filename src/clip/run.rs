@@ -27,7 +27,7 @@ use super::read::{Reading, sources_with};
 use super::times::set_times;
 use super::work::{Work, Worker};
 use crate::error::{Error, Result};
-use crate::image::{ImageView, Picture};
+use crate::image::{ImageView, Picture, RgbImage};
 use crate::source::files::{self, Source, SourceList};
 use crate::source::{Frame, SourceEnd};
 use crate::vision::estimator::Estimator;
@@ -58,13 +58,25 @@ pub fn run_sources<'a, O: BatchObserver>(
     config: &BatchConfig,
     observer: &O,
 ) -> Result<Batch<O::Kept>> {
-    let work = work.into();
+    let keeper = Watching::new(observer);
+    let batch = run_watched(work.into(), listed, config, &keeper)?;
+    let kept = keeper.kept(batch.frames.len());
+    Ok(batch.keeping(kept))
+}
+
+/// The same; what is kept is with the watcher.
+pub(super) fn run_watched(
+    work: Work<'_>,
+    listed: &SourceList,
+    config: &BatchConfig,
+    watcher: &dyn Watch,
+) -> Result<Batch> {
     if let Work::Poses([]) = work {
         return Err(Error::argument("table", "expected at least one"));
     }
     let sources: Vec<&Source> = listed.sources.iter().collect();
     let anew = || Reading::new(&sources, config);
-    let mut pass = Pass::new(work, config, observer);
+    let mut pass = Pass::new(work, config, watcher);
     let mut reading = anew();
     if let Work::Poses([_, _, ..]) = pass.work {
         pass.table = pass.choose_table(&mut reading)?;
@@ -86,7 +98,7 @@ pub fn run_sources<'a, O: BatchObserver>(
     Ok(batch)
 }
 
-impl<K: Send> Batch<K> {
+impl<K: Send + Default> Batch<K> {
     /// The second pass of one ball's frames and its spin anew, after the estimates have changed.
     ///
     /// # Errors
@@ -97,45 +109,114 @@ impl<K: Send> Batch<K> {
         config: &BatchConfig,
         observer: &impl BatchObserver<Kept = K>,
     ) -> Result<()> {
-        let pass = Pass::new(estimator.into(), config, observer);
-        self.sequence = pass.as_sequence(&self.sources, &mut self.frames)?;
+        let frames = std::mem::take(&mut self.frames).into_iter();
+        let (mut frames, before): (Vec<BatchFrame>, Vec<K>) =
+            frames.map(|frame| frame.keeping(())).unzip();
+        let keeper = Watching::after(observer, before);
+        let pass = Pass::new(estimator.into(), config, &keeper);
+        let sequence = pass.as_sequence(&self.sources, &mut frames);
+        let kept = keeper.kept(frames.len()).into_iter();
+        let joined = frames.into_iter().zip(kept);
+        self.frames = joined.map(|(frame, kept)| frame.keeping(kept).0).collect();
+        self.sequence = sequence?;
         Ok(())
     }
 }
 
+/// What sees the pictures of a pass: an observer without the type of what it keeps, so that the passes are compiled once.
+pub(super) trait Watch: Sync {
+    /// Sees the picture of a frame by its number, and the balls that were found in it.
+    fn see(&self, frame: usize, image: &RgbImage, balls: &[BallEstimate]) -> Result<()>;
+
+    /// See [`BatchObserver::wants_images`].
+    fn wants_images(&self) -> bool;
+
+    /// See [`BatchObserver::progress`].
+    fn progress(&self, frames: &[BatchFrame]);
+}
+
+/// Holds what an observer keeps, by the frames' numbers.
+pub(super) struct Watching<'a, O: BatchObserver> {
+    observer: &'a O,
+    kept: Mutex<Vec<O::Kept>>,
+}
+
+impl<'a, O: BatchObserver> Watching<'a, O> {
+    /// Nothing is kept yet.
+    pub(super) fn new(observer: &'a O) -> Self {
+        Self::after(observer, Vec::new())
+    }
+
+    /// This was kept before.
+    fn after(observer: &'a O, kept: Vec<O::Kept>) -> Self {
+        let kept = Mutex::new(kept);
+        Self { observer, kept }
+    }
+
+    /// What is kept of so many frames.
+    pub(super) fn kept(self, frames: usize) -> Vec<O::Kept> {
+        let mut kept = self
+            .kept
+            .into_inner()
+            .unwrap_or_else(PoisonError::into_inner);
+        kept.resize_with(frames, O::Kept::default);
+        kept
+    }
+}
+
+impl<O: BatchObserver> Watch for Watching<'_, O> {
+    fn see(&self, frame: usize, image: &RgbImage, balls: &[BallEstimate]) -> Result<()> {
+        let seen = self.observer.keep(image, balls)?;
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        if kept.len() <= frame {
+            kept.resize_with(frame + 1, O::Kept::default);
+        }
+        kept[frame] = seen;
+        Ok(())
+    }
+
+    fn wants_images(&self) -> bool {
+        self.observer.wants_images()
+    }
+
+    fn progress(&self, frames: &[BatchFrame]) {
+        self.observer.progress(frames);
+    }
+}
+
 /// What a pass over the frames needs.
-pub(super) struct Pass<'a, O> {
+pub(super) struct Pass<'a> {
     pub work: Work<'a>,
     /// Of several tables of one ball that in use.
     pub table: usize,
     pub config: &'a BatchConfig,
-    observer: &'a O,
+    watcher: &'a dyn Watch,
     /// Held by the one thread that works on the colors of a large picture.
     large: Mutex<()>,
 }
 
 /// A frame and the error by which it is unreadable.
-type Estimated<K> = Result<(BatchFrame<K>, Option<Error>)>;
+type Estimated = Result<(BatchFrame, Option<Error>)>;
 
-impl<'a, O: BatchObserver> Pass<'a, O> {
-    pub(super) fn new(work: Work<'a>, config: &'a BatchConfig, observer: &'a O) -> Self {
+impl<'a> Pass<'a> {
+    pub(super) fn new(work: Work<'a>, config: &'a BatchConfig, watcher: &'a dyn Watch) -> Self {
         Self {
             work,
             table: 0,
             config,
-            observer,
+            watcher,
             large: Mutex::new(()),
         }
     }
 
     /// All frames, each alone and then together.
-    fn all(&self, reading: Reading<'_>, listed: &SourceList) -> Result<Batch<O::Kept>> {
+    fn all(&self, reading: Reading<'_>, listed: &SourceList) -> Result<Batch> {
         let (mut frames, mut first_error) = (Vec::new(), None);
-        let alone = |_, frame, worker: &mut Worker<'_>| self.alone(frame, worker);
+        let alone = |k, frame, worker: &mut Worker<'_>| self.alone(k, frame, worker);
         let read = self.each(reading, alone, |(frame, error)| {
             frames.push(frame);
             first_error = first_error.take().or(error);
-            self.observer.progress(&frames);
+            self.watcher.progress(&frames);
         })?;
         // A file that is no image is a rejected frame among others, and an error alone.
         let is_hopeless = frames.iter().all(|f| f.unreadable.is_some());
@@ -149,7 +230,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
             let scale = end.clock.map_or(1.0, |clock| clock.time_scale());
             let timed = frames[first..][..*count].iter_mut();
             timed
-                .flat_map(|f: &mut BatchFrame<_>| &mut f.time_s)
+                .flat_map(|f: &mut BatchFrame| &mut f.time_s)
                 .for_each(|time_s| *time_s *= scale);
             first += count;
             clock = end.clock.or(clock);
@@ -190,7 +271,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
     }
 
     /// A frame by itself.
-    fn alone(&self, frame: Frame, worker: &mut Worker<'_>) -> Estimated<O::Kept> {
+    fn alone(&self, number: usize, frame: Frame, worker: &mut Worker<'_>) -> Estimated {
         let mut done = BatchFrame {
             name: frame.name,
             path: frame.path,
@@ -199,7 +280,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
             balls: self.work.unreadable(),
             size: None,
             unreadable: None,
-            kept: O::Kept::default(),
+            kept: (),
         };
         let picture = match frame.picture {
             Ok(picture) => picture,
@@ -219,7 +300,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
             }
         };
         done.balls = worker.alone(image, &prior, &self.config.budget);
-        done.kept = self.keep(&picture, &done.balls)?;
+        self.watch(number, &picture, &done.balls)?;
         Ok((done, None))
     }
 
@@ -242,8 +323,7 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
         &self,
         sources: &[(Source, usize)],
         wanted: &[usize],
-        work: &(impl Fn(usize, ImageView<'_>, &mut Worker<'_>) -> Option<Vec<BallEstimate>> + Sync),
-        frames: &mut [BatchFrame<O::Kept>],
+        work: &(dyn Fn(usize, ImageView<'_>, &mut Worker<'_>) -> Option<Vec<BallEstimate>> + Sync),
     ) -> Result<Vec<(usize, Vec<BallEstimate>)>> {
         if wanted.is_empty() {
             return Ok(Vec::new());
@@ -259,17 +339,13 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
             let Some(found) = work(k, picture.view()?, worker) else {
                 return Ok(None);
             };
-            let kept = self.keep(&picture, &found)?;
-            Ok(Some((k, found, kept)))
+            self.watch(k, &picture, &found)?;
+            Ok(Some((k, found)))
         };
         let mut changed = Vec::new();
         let reading = Reading::new(&read, self.config);
         self.each(reading, again, |done| changed.extend(done))?;
-        let changed = changed.into_iter().map(|(k, found, kept)| {
-            frames[k].kept = kept;
-            (k, found)
-        });
-        Ok(changed.collect())
+        Ok(changed)
     }
 
     /// A picture as it is estimated: without a mirror, its dots darker than the ball.
@@ -283,14 +359,14 @@ impl<'a, O: BatchObserver> Pass<'a, O> {
         Ok(picture)
     }
 
-    fn keep(&self, picture: &Picture, balls: &[BallEstimate]) -> Result<O::Kept> {
-        if !self.observer.wants_images() {
-            return Ok(O::Kept::default());
+    fn watch(&self, number: usize, picture: &Picture, balls: &[BallEstimate]) -> Result<()> {
+        if !self.watcher.wants_images() {
+            return Ok(());
         }
         let image = picture.view()?;
         let is_large = image.width() * image.height() > MAX_THOROUGH;
         let alone = || self.large.lock().unwrap_or_else(PoisonError::into_inner);
         let _alone = is_large.then(alone);
-        self.observer.keep(&*picture.to_rgb()?, balls)
+        self.watcher.see(number, &*picture.to_rgb()?, balls)
     }
 }

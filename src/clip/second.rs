@@ -2,7 +2,7 @@
 
 use super::ball_tracks::{missing_balls, number_balls};
 use super::balls::{BallEstimate, BallsEstimator, sort_from_left};
-use super::batch::{BatchFrame, BatchObserver, SequenceOutcome};
+use super::batch::{BatchFrame, SequenceOutcome};
 use super::outlines;
 use super::rolling::seen_times;
 use super::run::Pass;
@@ -32,7 +32,7 @@ impl From<NoSequence> for SequenceOutcome {
 }
 
 /// The times of frames that may be a sequence, or why they are none.
-fn ordered_times<K>(frames: &[BatchFrame<K>]) -> std::result::Result<Vec<f64>, NoSequence> {
+fn ordered_times(frames: &[BatchFrame]) -> std::result::Result<Vec<f64>, NoSequence> {
     let times = frames.iter().map(|f| f.first_row_s.or(f.time_s));
     let times: Option<Vec<f64>> = times.collect();
     match times.filter(|t| t.len() > 1) {
@@ -42,13 +42,13 @@ fn ordered_times<K>(frames: &[BatchFrame<K>]) -> std::result::Result<Vec<f64>, N
     }
 }
 
-impl<O: BatchObserver> Pass<'_, O> {
+impl Pass<'_> {
     /// What the frames are together.
     pub(super) fn together(
         &self,
         sources: &[(Source, usize)],
         times: &TimeSource,
-        frames: &mut [BatchFrame<O::Kept>],
+        frames: &mut [BatchFrame],
     ) -> Result<SequenceOutcome> {
         let independent = self.config.independent;
         match self.work {
@@ -78,7 +78,7 @@ impl<O: BatchObserver> Pass<'_, O> {
     pub(super) fn as_sequence(
         &self,
         sources: &[(Source, usize)],
-        frames: &mut [BatchFrame<O::Kept>],
+        frames: &mut [BatchFrame],
     ) -> Result<SequenceOutcome> {
         let times = match ordered_times(frames) {
             Ok(times) => times,
@@ -102,7 +102,7 @@ impl<O: BatchObserver> Pass<'_, O> {
                             }
                             _ => None,
                         };
-                    let found = self.on_pictures(sources, wanted, &again, frames)?;
+                    let found = self.on_pictures(sources, wanted, &again)?;
                     let one = |(k, balls): (usize, Vec<BallEstimate>)| {
                         Some((k, balls.into_iter().next()?.frame))
                     };
@@ -138,7 +138,7 @@ impl<O: BatchObserver> Pass<'_, O> {
         &self,
         finder: &OutlineFinder,
         sources: &[(Source, usize)],
-        frames: &mut [BatchFrame<O::Kept>],
+        frames: &mut [BatchFrame],
     ) -> Result<()> {
         let times: Option<Vec<f64>> = frames.iter().map(|f| f.time_s).collect();
         let ascend = |times: &Vec<f64>| times.windows(2).all(|w| w[0] < w[1]);
@@ -164,7 +164,7 @@ impl<O: BatchObserver> Pass<'_, O> {
                 let is_settled = outlines::is_settled(&mut found, expected);
                 is_settled.then(|| vec![BallEstimate::of(found, 0)])
             };
-            let settled = self.on_pictures(sources, &wanted, &again, frames)?;
+            let settled = self.on_pictures(sources, &wanted, &again)?;
             if settled.is_empty() {
                 break;
             }
@@ -181,7 +181,7 @@ impl<O: BatchObserver> Pass<'_, O> {
         estimator: &BallsEstimator,
         sources: &[(Source, usize)],
         times_s: &[f64],
-        frames: &mut [BatchFrame<O::Kept>],
+        frames: &mut [BatchFrame],
     ) -> Result<()> {
         let before = frames.iter_mut().map(|f| std::mem::take(&mut f.balls));
         let balls: Vec<Vec<BallEstimate>> = before.collect();
@@ -209,7 +209,7 @@ impl<O: BatchObserver> Pass<'_, O> {
             let (before, budget) = (balls[k].clone(), &self.config.budget);
             Some(estimator.look_again(image, before, &expected, budget, ws))
         };
-        let changed = self.on_pictures(sources, &wanted, &again, frames)?;
+        let changed = self.on_pictures(sources, &wanted, &again)?;
         for (frame, balls) in frames.iter_mut().zip(balls) {
             frame.balls = balls;
         }
@@ -224,7 +224,7 @@ impl<O: BatchObserver> Pass<'_, O> {
         &self,
         times: &TimeSource,
         times_s: &[f64],
-        frames: &mut [BatchFrame<O::Kept>],
+        frames: &mut [BatchFrame],
     ) -> SequenceOutcome {
         let spin = times.of_spin(self.config.sequence.spin);
         let taken = frames.iter_mut().map(|f| {

@@ -78,13 +78,13 @@ pub struct FrameInDoubt {
 }
 
 /// A frame that predicts others.
-struct Neighbor {
+struct NeighborFrame {
     frame: usize,
     circle: BallCircle,
     measurement: Measurement,
 }
 
-impl Neighbor {
+impl NeighborFrame {
     fn of(frame: usize, time_s: f64, estimate: &FrameEstimate) -> Option<Self> {
         let pose = estimate.pose()?;
         (!pose.hinted && pose.confidence >= TRUSTED).then_some(Self {
@@ -103,9 +103,9 @@ pub fn frames_in_doubt(
     frames: &[FrameEstimate],
 ) -> Vec<FrameInDoubt> {
     let numbered = times_s.iter().zip(frames).enumerate();
-    let trusted: Vec<Neighbor> = numbered
+    let trusted: Vec<NeighborFrame> = numbered
         .clone()
-        .filter_map(|(k, (time_s, frame))| Neighbor::of(k, *time_s, frame))
+        .filter_map(|(k, (time_s, frame))| NeighborFrame::of(k, *time_s, frame))
         .collect();
     let mut fitter = RobustEstimator::new(config.spin);
     let doubt = |(k, (time_s, frame)): (usize, (&f64, &FrameEstimate))| {
@@ -349,13 +349,13 @@ pub fn estimate_sequence(
 }
 
 /// The neighbors nearest in time to frame `k`, without itself, in order of time.
-fn nearest(trusted: &[Neighbor], k: usize, time_s: f64, count: usize) -> Vec<&Neighbor> {
-    let apart = |n: &Neighbor| (n.measurement.time_s - time_s).abs();
+fn nearest(trusted: &[NeighborFrame], k: usize, time_s: f64, count: usize) -> Vec<&NeighborFrame> {
+    let apart = |n: &NeighborFrame| (n.measurement.time_s - time_s).abs();
     let split = trusted.partition_point(|n| n.frame < k);
     let before = &trusted[split.saturating_sub(count)..split];
     let after = trusted[split..].iter().filter(|n| n.frame != k);
-    let mut found: Vec<&Neighbor> = before.iter().rev().chain(after.take(count)).collect();
-    found.sort_by(|a, b| apart(a).total_cmp(&apart(b)));
+    let mut found: Vec<&NeighborFrame> = before.iter().rev().chain(after.take(count)).collect();
+    found.sort_unstable_by(|a, b| apart(a).total_cmp(&apart(b)));
     found.truncate(count);
     found.sort_unstable_by_key(|n| n.frame);
     found

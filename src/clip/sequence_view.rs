@@ -165,7 +165,7 @@ impl SequenceView {
         reference: Pixel,
         seen: impl Iterator<Item = SeenFrom> + Clone,
     ) -> Option<Self> {
-        let Fit { camera, root } = fit(reference, seen)?;
+        let PathFit { camera, root } = fit(reference, seen)?;
         Some(Self {
             reference,
             camera,
@@ -227,13 +227,13 @@ fn seen_alone(circle: &BallCircle, inverse_distance: f64) -> Vec3 {
 }
 
 /// A camera, and a root of its covariance.
-struct Fit {
+struct PathFit {
     camera: Pinhole,
     root: Matrix3<f64>,
 }
 
 /// The camera of which all frames together say most.
-fn fit(reference: Pixel, seen: impl Iterator<Item = SeenFrom> + Clone) -> Option<Fit> {
+fn fit(reference: Pixel, seen: impl Iterator<Item = SeenFrom> + Clone) -> Option<PathFit> {
     let (mut count, mut weights, mut steps) = (0.0, 0.0, 0.0);
     for SeenFrom {
         circle, distance, ..
@@ -275,7 +275,7 @@ fn fit(reference: Pixel, seen: impl Iterator<Item = SeenFrom> + Clone) -> Option
     }
     let covariance = information.cholesky()?.inverse();
     let root = covariance.cholesky()?.l();
-    Some(Fit { camera, root })
+    Some(PathFit { camera, root })
 }
 
 /// What a frame says of a camera: information and gradient in the steps of [`Pinhole::moved`].

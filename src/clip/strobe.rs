@@ -25,7 +25,7 @@ use crate::error::{Result, require};
 use crate::geometry::{CameraFrame, Vec3};
 use crate::spin::alias::{AliasConfig, Alternative, alternatives};
 use crate::spin::golf::Flight;
-use crate::spin::orientations::Orientations;
+use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::pair::fit_pair;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
 use crate::spin::{Fit, MAX_TURNS, MIN_FRAMES, SpinRejection};
@@ -259,14 +259,7 @@ impl Strobe {
         let measurements = file.measurements();
         let config = file.spin_config(self.spin);
         let shared = config.shared.as_ref();
-        let posed = file.rows.iter().filter(|r| r.orientation.is_some());
-        let covariances: Vec<Matrix3<f64>> = posed
-            .map(|r| match (r.covariance, r.turn) {
-                (Some(all), Some(turn)) => all - turn.shared_covariance(),
-                (Some(all), None) => all,
-                (None, _) => Matrix3::identity() * config.sigma_rad.powi(2),
-            })
-            .collect();
+        let covariances = own_covariances(&file.rows, config.sigma_rad);
         let peak = -1.5 * (TAU * config.sigma_rad.powi(2)).ln();
         // Of orientations that do not agree all but so many may be wrong.
         let disagreeing = |right: usize, all: usize| {
@@ -281,9 +274,8 @@ impl Strobe {
             (several, covariances) if several.len() >= MIN_FRAMES => {
                 match RobustEstimator::new(config).fit(several) {
                     Ok(fit) => {
-                        let listed = AliasConfig::of(&config);
                         let ln = fit.log_likelihood.unwrap_or_default();
-                        let mut others = alternatives(several, &fit, &listed);
+                        let mut others = alternatives(several, &fit, &AliasConfig::of(&config));
                         others.truncate(MAX_TURNS);
                         (Ok((fit, others)), ln)
                     }
@@ -308,6 +300,17 @@ impl Strobe {
         (hypothesis.spin, hypothesis.orientations) = (spin, file);
         ln
     }
+}
+
+/// The covariances of a file's orientations without what they share, rad^2; of those that state none that of the noise.
+fn own_covariances(rows: &[OrientationRow], sigma_rad: f64) -> Vec<Matrix3<f64>> {
+    let posed = rows.iter().filter(|r| r.orientation.is_some());
+    let own = |r: &OrientationRow| match (r.covariance, r.turn) {
+        (Some(all), Some(turn)) => all - turn.shared_covariance(),
+        (Some(all), None) => all,
+        (None, _) => Matrix3::identity() * sigma_rad.powi(2),
+    };
+    posed.map(own).collect()
 }
 
 /// A spin with the others that the flashes cannot distinguish from it, or why there is none.

@@ -68,10 +68,10 @@ impl TimeSource {
 }
 
 /// Sets the times of all frames, unless all were stated with them; where they come from.
-pub(super) fn set_times<K>(
+pub(super) fn set_times(
     clock: &FrameClock,
     (video, is_stated): (Option<VideoClock>, bool),
-    frames: &mut [BatchFrame<K>],
+    frames: &mut [BatchFrame],
 ) -> Result<TimeSource> {
     match clock {
         FrameClock::Inputs if is_stated => Ok(TimeSource::Stated),
@@ -107,7 +107,7 @@ pub(super) fn set_times<K>(
 }
 
 /// What the inputs say of the times; names that count frames, or are all alike, are no times.
-fn input_times<K>(video: Option<VideoClock>, frames: &mut [BatchFrame<K>]) -> TimeSource {
+fn input_times(video: Option<VideoClock>, frames: &mut [BatchFrame]) -> TimeSource {
     if let Some(clock) = video {
         return TimeSource::Video(clock);
     }

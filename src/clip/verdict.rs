@@ -13,7 +13,7 @@
 //! ```text
 //! L = ln( m + (1 - m) exp(E) )     with a pose
 //! L = ln m                         without one, if it shows enough dots
-//! L = ln m'                        without one, if it shows a ball with fewer and the poses share no motion; else 0
+//! L = ln m'                        without one, if it shows the ball with fewer and the poses share no motion; else 0
 //! ```
 //!
 //! limited, so that no single frame decides. The sum over the frames is the hypothesis' evidence
@@ -22,7 +22,8 @@
 //!
 //! Guarantees: the verdict depends on the frames' dots and poses alone. Not guaranteed: a verdict on
 //! fewer than [`MIN_FRAMES`] frames that say anything; then there is none. Frames with few dots say something only where others
-//! have a pose, weighed here or in the clip's own estimate: a ball that is hardly seen is not another ball.
+//! have a pose, weighed here or in the clip's own estimate: a ball that is hardly seen is not another ball. A frame without any dot shows
+//! the ball where most of the frames with a pose have it; elsewhere the circle may be that of something else.
 
 use nalgebra::Matrix2;
 
@@ -34,6 +35,7 @@ use crate::view::{DotUncertainty, ObservedDot};
 use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
+use crate::vision::optics::camera::BallCircle;
 
 /// Minimum number of frames that say anything for a verdict.
 pub const MIN_FRAMES: usize = 3;
@@ -64,8 +66,8 @@ const MIN_LEAD: f64 = 3.0;
 pub struct FrameScore {
     /// Detections that are likelier dots than not.
     pub dots: usize,
-    /// Whether a ball was found whose dots could be looked for.
-    pub shows_ball: bool,
+    /// The outline of a ball whose dots could be looked for.
+    pub ball: Option<BallCircle>,
     /// Whether the clip's own estimate has a pose of it.
     pub is_answered: bool,
     /// ln of the evidence of its pose against "not this pattern"; `None` without a pose.
@@ -77,9 +79,17 @@ impl FrameScore {
         self.dots >= ENOUGH_DOTS
     }
 
-    /// Whether it shows a ball with a few dots and has no pose: without any dot, the circle may be that of something else.
-    fn says_little(&self) -> bool {
-        self.ln_evidence.is_none() && self.shows_ball && self.dots > 0 && !self.has_enough_dots()
+    fn has_pose(&self) -> bool {
+        self.ln_evidence.is_some() || self.is_answered
+    }
+
+    /// Whether the center of one's outline lies within the other's: they show one thing, or what is on it.
+    fn is_at_the_place_of(&self, other: &Self) -> bool {
+        let both = self.ball.zip(other.ball);
+        both.is_some_and(|(a, b)| {
+            let apart = (a.center.u - b.center.u).hypot(a.center.v - b.center.v);
+            apart < a.radius.max(b.radius)
+        })
     }
 
     /// ln of the frame's evidence for the hypothesis, not limited.
@@ -123,13 +133,21 @@ impl BallHypothesis {
         self.frames.iter().map(limited).sum::<f64>() + motion + little
     }
 
-    /// Frames that show a ball with a few dots and have no pose, where the others share no motion: with one, it is the ball that is hard
+    /// Frames that show the ball with few dots and have no pose, where the others share no motion: with one, it is the ball that is hard
     /// to see.
     fn little(&self) -> usize {
-        match self.has_common_motion {
-            true => 0,
-            false => self.frames.iter().filter(|f| f.says_little()).count(),
+        if self.has_common_motion {
+            return 0;
         }
+        let posed: Vec<&FrameScore> = self.frames.iter().filter(|f| f.has_pose()).collect();
+        let is_there = |f: &FrameScore| {
+            let there = posed.iter().filter(|p| f.is_at_the_place_of(p));
+            2 * there.count() > posed.len()
+        };
+        let shows_the_ball = |f: &&FrameScore| f.ball.is_some() && (f.dots > 0 || is_there(f));
+        let unexplained = |f: &&FrameScore| f.ln_evidence.is_none() && !f.has_enough_dots();
+        let frames = self.frames.iter().filter(unexplained);
+        frames.filter(shows_the_ball).count()
     }
 
     /// Whether the clip's own poses are luck: hardly one among many frames with a few dots, and none of them found again.
@@ -284,16 +302,17 @@ impl<'a> Scorer<'a> {
     /// The score of a frame as estimated.
     pub fn score(&mut self, frame: &FrameEstimate) -> FrameScore {
         let likely = frame.dots.iter().filter(|d| d.probability >= LIKELY_DOT);
+        let shows_ball = matches!(
+            frame.outcome,
+            Ok(_)
+                | Err(FrameRejection::TooFewDots { .. }
+                    | FrameRejection::Ambiguous { .. }
+                    | FrameRejection::Recognizer(_)
+                    | FrameRejection::Foreign)
+        );
         FrameScore {
             dots: likely.count(),
-            shows_ball: matches!(
-                frame.outcome,
-                Ok(_)
-                    | Err(FrameRejection::TooFewDots { .. }
-                        | FrameRejection::Ambiguous { .. }
-                        | FrameRejection::Recognizer(_)
-                        | FrameRejection::Foreign)
-            ),
+            ball: frame.outline.filter(|_| shows_ball).map(|o| o.circle),
             is_answered: frame.pose().is_some(),
             ln_evidence: self.ln_evidence(frame),
         }
@@ -328,11 +347,14 @@ impl<'a> Scorer<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vision::optics::camera::Pixel;
+
+    const BALL: BallCircle = BallCircle::new(Pixel { u: 100.0, v: 80.0 }, 40.0);
 
     fn hypothesis(table: usize, is_mirrored: bool, evidence: &[Option<f64>]) -> BallHypothesis {
         let frame = |e: &Option<f64>| FrameScore {
             dots: 8,
-            shows_ball: true,
+            ball: Some(BALL),
             is_answered: e.is_some(),
             ln_evidence: *e,
         };
@@ -374,7 +396,7 @@ mod tests {
         let clip = |answered: usize| {
             let few = FrameScore {
                 dots: 3,
-                shows_ball: true,
+                ball: Some(BALL),
                 ..FrameScore::default()
             };
             let mut frames = vec![few; 100];
@@ -407,7 +429,7 @@ mod tests {
         let clip = |answered: usize, frames: usize| {
             let frame = |k| FrameScore {
                 dots: 4,
-                shows_ball: true,
+                ball: Some(BALL),
                 is_answered: k < answered,
                 ln_evidence: None,
             };
@@ -421,6 +443,35 @@ mod tests {
         for (answered, frames) in [(0, 39), (1, 12), (8, 39)] {
             assert_eq!(decide(&[clip(answered, frames)]), Verdict::Open);
         }
+    }
+
+    /// A ball with an eye: one frame by six dots, on the eye, and the ball without a dot in all others. A lamp elsewhere is not the ball.
+    #[test]
+    fn frames_without_a_dot_count_where_a_posed_ball_lies() {
+        let clip = |elsewhere: BallCircle| {
+            let mut frames = [None; 55].map(|ln_evidence| FrameScore {
+                dots: 0,
+                ball: Some(elsewhere),
+                is_answered: false,
+                ln_evidence,
+            });
+            frames[20] = FrameScore {
+                dots: 6,
+                ball: Some(BALL),
+                is_answered: true,
+                ln_evidence: Some(8.0),
+            };
+            BallHypothesis {
+                frames: frames.to_vec(),
+                ..hypothesis(0, false, &[])
+            }
+        };
+        let at = |u: f64, radius: f64| BallCircle::new(Pixel { u, v: 80.0 }, radius);
+        for ball in [at(104.0, 43.0), at(90.0, 200.0)] {
+            let found = decide(&[clip(ball)]);
+            assert!(matches!(found, Verdict::None { best: 0, .. }), "{found:?}");
+        }
+        assert_eq!(decide(&[clip(at(160.0, 40.0))]), Verdict::Open);
     }
 
     #[test]

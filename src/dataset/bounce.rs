@@ -114,7 +114,7 @@ pub fn bounces(
         .and_then(|l| l.try_inverse())
         .unwrap_or_else(Matrix3::identity);
     let back = whitened.try_inverse().unwrap_or_else(Matrix3::identity);
-    let at = |after| Window::about(points, after, &whitened, config.half_window)?.kink();
+    let at = |after| BounceWindow::about(points, after, &whitened, config.half_window)?.kink();
     let found = (1..points.len()).filter_map(at).map(|kink| Bounce {
         jump_m_s: back * kink.jump_m_s,
         ..kink
@@ -122,7 +122,7 @@ pub fn bounces(
     let mut likely: Vec<Bounce> = found
         .filter(|b| b.log_odds >= config.min_log_odds && b.jump_m_s.norm() >= config.min_jump_m_s)
         .collect();
-    likely.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
+    likely.sort_unstable_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
     let mut kept: Vec<Bounce> = Vec::new();
     for bounce in likely {
         let is_near = |k: &Bounce| k.after.abs_diff(bounce.after) <= config.half_window;
@@ -135,7 +135,7 @@ pub fn bounces(
 }
 
 /// The points about a place between two of them.
-struct Window {
+struct BounceWindow {
     /// Times from the point before the place on, in units of the window's duration.
     times: Vec<f64>,
     positions: Vec<Vec3>,
@@ -147,13 +147,13 @@ struct Window {
 }
 
 /// What a fit leaves at each point, and the coefficients of what it has besides the smooth path.
-struct Fit {
+struct FlightFit {
     left: Vec<Vec3>,
     slope: Vec3,
     extra: Vec3,
 }
 
-impl Window {
+impl BounceWindow {
     fn about(points: &[PathPoint], after: usize, to: &Matrix3<f64>, half: usize) -> Option<Self> {
         let (first, end) = (after.saturating_sub(half), points.len().min(after + half));
         let (before, behind) = (after - first, end - after);
@@ -177,7 +177,7 @@ impl Window {
     }
 
     /// The smooth path with a further term, by least squares.
-    fn fit(&self, term: Option<&dyn Fn(usize, f64) -> f64>) -> Option<Fit> {
+    fn fit(&self, term: Option<&dyn Fn(usize, f64) -> f64>) -> Option<FlightFit> {
         let more = |k: usize, t: f64| term.map_or(0.0, |term| term(k, t));
         let row = |k: usize, t: f64| SVector::<f64, 4>::new(1.0, t, t * t, more(k, t));
         let mut normal = SMatrix::<f64, 4, 4>::zeros();
@@ -193,7 +193,7 @@ impl Window {
         let solved = normal.cholesky()?.solve(&right);
         let of = |i: usize| solved.row(i).transpose();
         let points = self.times.iter().zip(&self.positions).enumerate();
-        Some(Fit {
+        Some(FlightFit {
             left: points
                 .map(|(k, (t, p))| p - solved.transpose() * row(k, *t))
                 .collect(),
@@ -211,7 +211,7 @@ impl Window {
             .iter()
             .map(|p| (p - self.positions[0]).norm_squared());
         let rounding = ROUNDING * size.fold(0.0, f64::max) * self.times.len() as f64;
-        let ln_left = |fit: &Fit| {
+        let ln_left = |fit: &FlightFit| {
             let all: f64 = fit.left.iter().map(Vec3::norm_squared).sum();
             let ahead: f64 = fit.left.iter().map(|p| p.dot(&along).powi(2)).sum();
             let across = (all - ahead).max(0.0) + 2.0 * rounding;

@@ -135,9 +135,9 @@ fn names(from: &Path) -> Result<Vec<String>> {
 
 /// The entry of a temporary file or folder in [`MADE`], which ends when it is dropped.
 #[derive(Debug)]
-struct Made(PathBuf);
+struct MadeFolder(PathBuf);
 
-impl Drop for Made {
+impl Drop for MadeFolder {
     fn drop(&mut self) {
         locked(&MADE).remove(&self.0);
     }
@@ -165,7 +165,7 @@ fn made<T>(
 pub(super) struct AsideFile {
     // Dropped in this order: the file is gone when it is forgotten.
     file: tempfile::NamedTempFile,
-    made: Made,
+    made: MadeFolder,
 }
 
 impl AsideFile {
@@ -178,7 +178,7 @@ impl AsideFile {
             // A file system without locks answers neither way; the file is used.
             |file| !would_block(file.as_file()) && file.path().exists(),
         )?;
-        let made = Made(file.path().to_path_buf());
+        let made = MadeFolder(file.path().to_path_buf());
         all.insert(made.0.clone());
         Ok(Self { file, made })
     }
@@ -212,7 +212,7 @@ pub struct Replacement {
     // Dropped in this order: an open file may keep its folder from being removed.
     _alive: fs::File,
     folder: tempfile::TempDir,
-    _made: Made,
+    _made: MadeFolder,
     dir: TargetFolder,
 }
 
@@ -254,7 +254,7 @@ impl Replacement {
             !would_block(alive) && folder.path().join(ALIVE).exists()
         })
         .map_err(|e| Error::write(dir, e))?;
-        let made = Made(folder.path().to_path_buf());
+        let made = MadeFolder(folder.path().to_path_buf());
         all.insert(made.0.clone());
         Ok(Self {
             dir: target,

@@ -456,7 +456,7 @@ mod tests {
                 let mut near: Vec<f32> = (0..25)
                     .map(|k| image.at(u + k % 5 - 2, v + k / 5 - 2))
                     .collect();
-                near.sort_by(f32::total_cmp);
+                near.sort_unstable_by(f32::total_cmp);
                 assert_eq!(found.values()[at], near[12], "{width} x {height}, {u}, {v}");
             }
         }

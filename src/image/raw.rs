@@ -167,7 +167,7 @@ impl<'a> RawImage<'a> {
         }
     }
 
-    fn grays<T: Sample>(&self, samples: &[T], part: &Roi, out: &mut GrayImage) {
+    fn grays<T: RawSample>(&self, samples: &[T], part: &Roi, out: &mut GrayImage) {
         out.fill_rows(part.width, part.height, |v, values| {
             let row = self.row(samples, part.top + v, part.left, part.width);
             match self.pixel {
@@ -185,7 +185,7 @@ impl<'a> RawImage<'a> {
         }
     }
 
-    fn colors<T: Sample>(&self, samples: &[T], part: &Roi, out: &mut RgbImage) {
+    fn colors<T: RawSample>(&self, samples: &[T], part: &Roi, out: &mut RgbImage) {
         out.fill_rows(part.width, part.height, |v, values| {
             let row = self.row(samples, part.top + v, part.left, part.width);
             match self.pixel {
@@ -211,7 +211,7 @@ impl<'a> RawImage<'a> {
         }
     }
 
-    fn add_channels<T: Sample>(
+    fn add_channels<T: RawSample>(
         &self,
         samples: &[T],
         v: usize,
@@ -236,7 +236,7 @@ impl<'a> RawImage<'a> {
         }
     }
 
-    fn add_samples<T: Sample>(
+    fn add_samples<T: RawSample>(
         &self,
         samples: &[T],
         v: usize,
@@ -263,7 +263,7 @@ impl<'a> RawImage<'a> {
 
     /// The sums of red, green and blue over pixels in colors.
     #[inline]
-    fn totals<T: Sample>(&self, pixels: &[T]) -> [u32; 3] {
+    fn totals<T: RawSample>(&self, pixels: &[T]) -> [u32; 3] {
         let mut totals = [0u32; 3];
         for pixel in pixels.chunks_exact(3) {
             for (total, &sample) in totals.iter_mut().zip(pixel) {
@@ -283,7 +283,7 @@ impl<'a> RawImage<'a> {
     }
 
     /// The color of a pixel's samples.
-    fn color<T: Sample>(&self, samples: &[T]) -> [f32; 3] {
+    fn color<T: RawSample>(&self, samples: &[T]) -> [f32; 3] {
         let [red, green, blue] = match self.pixel {
             RawPixel::Gray => [0; 3],
             RawPixel::Rgb => [0, 1, 2],
@@ -294,12 +294,12 @@ impl<'a> RawImage<'a> {
 }
 
 /// A sum of samples over white: rounded once, so that samples of 8 and of 16 bits with the same values have the same sum.
-fn share<T: Sample>(total: u32) -> f32 {
+fn share<T: RawSample>(total: u32) -> f32 {
     (f64::from(total) / f64::from(T::WHITE)) as f32
 }
 
 /// A sample.
-trait Sample: Copy + Into<u32> {
+trait RawSample: Copy + Into<u32> {
     /// The largest value.
     const WHITE: f32;
 
@@ -312,7 +312,7 @@ trait Sample: Copy + Into<u32> {
     }
 }
 
-impl Sample for u8 {
+impl RawSample for u8 {
     const WHITE: f32 = 255.0;
 
     fn unit(self) -> f32 {
@@ -324,7 +324,7 @@ impl Sample for u8 {
     }
 }
 
-impl Sample for u16 {
+impl RawSample for u16 {
     const WHITE: f32 = 65_535.0;
 
     fn unit(self) -> f32 {

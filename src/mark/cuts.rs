@@ -36,13 +36,13 @@ pub(super) struct Cuts {
 }
 
 /// A dot with its margin.
-struct Disc {
+struct CutDisc {
     longitude: f64,
     latitude: f64,
     radius: f64,
 }
 
-impl Disc {
+impl CutDisc {
     /// Half its extent in longitude at a latitude, radians; `None` where it does not reach.
     fn half(&self, latitude: f64) -> Option<f64> {
         if (latitude - self.latitude).abs() >= self.radius {
@@ -56,25 +56,25 @@ impl Disc {
 }
 
 /// What a disc takes of one latitude: the longitude of its middle, and half its extent.
-struct Taken {
+struct TakenDisc {
     longitude: f64,
     half: f64,
 }
 
-impl Taken {
+impl TakenDisc {
     /// A longitude pushed to the end where it lies within, and the side.
-    fn push(&self, longitude: f64) -> Option<(f64, Side)> {
+    fn push(&self, longitude: f64) -> Option<(f64, CutSide)> {
         let off = (longitude - self.longitude + PI).rem_euclid(TAU) - PI;
         let (edge, side) = match off < 0.0 {
-            true => (-self.half, Side::West),
-            false => (self.half, Side::East),
+            true => (-self.half, CutSide::West),
+            false => (self.half, CutSide::East),
         };
         (off.abs() < self.half).then_some((longitude + edge - off, side))
     }
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Side {
+enum CutSide {
     West,
     East,
 }
@@ -93,11 +93,11 @@ impl Cuts {
             return None;
         }
         let radius = edge_rad + MARGIN.0.min(MARGIN.1 * gap);
-        let discs: Vec<Disc> = dots
+        let discs: Vec<CutDisc> = dots
             .iter()
             .map(|d| {
                 let (longitude, latitude) = longitude_latitude(d);
-                Disc {
+                CutDisc {
                     longitude,
                     latitude,
                     radius,
@@ -109,7 +109,7 @@ impl Cuts {
         let mut longitudes = vec![vec![0.0; latitudes.len()]; lobes];
         let (south, north) = (0..equator, equator..latitudes.len());
         let mut walk = |order: &mut dyn Iterator<Item = usize>| {
-            let mut row = Row::new(lobes);
+            let mut row = CutRow::new(lobes);
             for j in order {
                 let places = row.next(latitudes[j], &discs);
                 for (cut, place) in longitudes.iter_mut().zip(places) {
@@ -181,7 +181,7 @@ impl Cuts {
 }
 
 /// The latitudes of all cuts: even ones, and more where a dot is round.
-fn latitudes(discs: &[Disc]) -> Vec<f64> {
+fn latitudes(discs: &[CutDisc]) -> Vec<f64> {
     let even = (0..=FACETS).map(|i| PI * (i as f64 / FACETS as f64 - 0.5));
     let rounds = discs.iter().flat_map(|disc| {
         (0..=DOT_FACETS).map(|i| {
@@ -190,18 +190,18 @@ fn latitudes(discs: &[Disc]) -> Vec<f64> {
         })
     });
     let mut all: Vec<f64> = even.chain(rounds).collect();
-    all.sort_by(f64::total_cmp);
+    all.sort_unstable_by(f64::total_cmp);
     all.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
     all
 }
 
 /// The cuts at one latitude, on the way from the equator to a pole.
-struct Row {
+struct CutRow {
     /// Which meridian each cut follows, counted on beyond a full turn.
     follows: Vec<i64>,
 }
 
-impl Row {
+impl CutRow {
     fn new(lobes: usize) -> Self {
         Self {
             follows: (0..lobes as i64).collect(),
@@ -209,14 +209,14 @@ impl Row {
     }
 
     /// The cuts' longitudes at the next latitude.
-    fn next(&mut self, latitude: f64, discs: &[Disc]) -> Vec<f64> {
+    fn next(&mut self, latitude: f64, discs: &[CutDisc]) -> Vec<f64> {
         let n = self.follows.len();
         let step = TAU / n as f64;
         let reaching = discs.iter().filter_map(|disc| {
             let (longitude, half) = (disc.longitude, disc.half(latitude)?);
-            Some(Taken { longitude, half })
+            Some(TakenDisc { longitude, half })
         });
-        let taken: Vec<Taken> = reaching.collect();
+        let taken: Vec<TakenDisc> = reaching.collect();
         let place = |meridian: i64| {
             let nominal = step * meridian as f64;
             let pushed = taken.iter().find_map(|taken| taken.push(nominal));
@@ -228,12 +228,12 @@ impl Row {
             let (west, east) = (self.follows[lobe], self.follows[(lobe + 1) % n] + turn);
             let ((w, w_side), (e, e_side)) = (place(west), place(east));
             // It tapers to the poles as it should, or has ended already.
-            let squeezed = w_side == Some(Side::East) || e_side == Some(Side::West);
+            let squeezed = w_side == Some(CutSide::East) || e_side == Some(CutSide::West);
             if west == east || !squeezed || e - w >= narrow {
                 continue;
             }
             match e_side {
-                Some(Side::West) => self.join(east, west),
+                Some(CutSide::West) => self.join(east, west),
                 _ => self.join(west, east),
             }
         }

@@ -86,7 +86,7 @@ pub fn gores(pattern: &Pattern, config: &MarkConfig, gores: &GoreConfig) -> Resu
     require(inside, "lobes", "12 to 24", gores.lobes)?;
     let (rotation, cuts) = best_cuts(pattern, config, gores.lobes)?;
     let turned = Turned::new(pattern, config, rotation);
-    let work = Work {
+    let work = GoreWork {
         config,
         gores,
         turned: &turned,
@@ -144,7 +144,7 @@ fn best_cuts(pattern: &Pattern, config: &MarkConfig, lobes: usize) -> Result<(Ro
 }
 
 /// What one lobe needs.
-struct Work<'a> {
+struct GoreWork<'a> {
     config: &'a MarkConfig,
     gores: &'a GoreConfig,
     turned: &'a Turned,
@@ -186,7 +186,7 @@ fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     })
 }
 
-impl Work<'_> {
+impl GoreWork<'_> {
     /// Longitude of a lobe's middle, radians.
     fn longitude(&self, lobe: usize) -> f64 {
         (lobe as f64 + 0.5) * self.step

@@ -318,12 +318,25 @@ impl Map {
             spots: Vec::new(),
             taken: Vec::new(),
         };
-        for k in 0..=6 {
-            let r = self.radius * FRAC_PI_2 * f64::from(k) / 6.0;
-            if k > 0 {
-                let shape = Shape::Loop(circle(self.center, r));
-                sheets.add(Item::new(Layer::Guides, shape));
+        self.draw_grid(&mut labels, sheets);
+        let belongs = |v: &Vec3| self.sign * v.z >= 0.0;
+        for zone in &turned.keep_out {
+            let points: Vec<Vec3> = circle_on_ball(&zone.axis, zone.half_angle_rad, 720).collect();
+            for pair in points.windows(2).filter(|p| p.iter().all(belongs)) {
+                let line = pair.iter().map(|v| self.place(v)).collect();
+                sheets.add(Item::new(Layer::KeepOut, Shape::Line(line)));
             }
+        }
+        let own = turned.dots.iter().enumerate().filter(|(_, v)| belongs(v));
+        self.draw_dots(own, config, labels, sheets);
+    }
+
+    /// Latitudes and longitudes, with the words that say which.
+    fn draw_grid(&self, labels: &mut Labels, sheets: &mut Sheets) {
+        for k in 1..=6 {
+            let r = self.radius * FRAC_PI_2 * f64::from(k) / 6.0;
+            let shape = Shape::Loop(circle(self.center, r));
+            sheets.add(Item::new(Layer::Guides, shape));
         }
         for k in 0..12 {
             let angle = TAU * f64::from(k) / 12.0;
@@ -352,20 +365,19 @@ impl Map {
             labels.taken.push(taken);
             sheets.add(Item::words(at, anchor, height, words));
         }
-        let belongs = |v: &Vec3| self.sign * v.z >= 0.0;
-        for zone in &turned.keep_out {
-            let points: Vec<Vec3> = circle_on_ball(&zone.axis, zone.half_angle_rad, 720).collect();
-            for pair in points.windows(2).filter(|p| p.iter().all(belongs)) {
-                let line = pair.iter().map(|v| self.place(v)).collect();
-                sheets.add(Item::new(Layer::KeepOut, Shape::Line(line)));
-            }
-        }
+    }
+
+    /// Dots and their numbers.
+    fn draw_dots<'a>(
+        &self,
+        dots: impl Iterator<Item = (usize, &'a Vec3)>,
+        config: &MarkConfig,
+        mut labels: Labels,
+        sheets: &mut Sheets,
+    ) {
         let facets = facets(0.5 * config.dot_diameter_mm);
         let mut shown = Vec::new();
-        for (dot, center) in turned.dots.iter().enumerate() {
-            if !belongs(center) {
-                continue;
-            }
+        for (dot, center) in dots {
             let rim = circle_on_ball(center, config.dot_angle_rad(), facets);
             let points: Vec<Point> = rim.map(|v| self.place(&v)).collect();
             let at = self.place(center);

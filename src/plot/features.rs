@@ -115,7 +115,7 @@ impl<'a> Distances<'a> {
 /// `values` in ascending order.
 fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
+    values.sort_unstable_by(f64::total_cmp);
     values
 }
 
@@ -154,7 +154,7 @@ fn draw_projection(
     let chart = chart(&area, (x, "h1 (no unit)"), (y, &y_label), (true, true))?;
     // The loneliest last, so that they are not buried.
     let mut order: Vec<usize> = (0..features.len()).collect();
-    order.sort_by(|a, b| distances.values[*a].total_cmp(&distances.values[*b]));
+    order.sort_unstable_by(|a, b| distances.values[*a].total_cmp(&distances.values[*b]));
     let mut outside = 0;
     for i in order {
         let at = (features[i][0], features[i][other]);

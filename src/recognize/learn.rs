@@ -131,9 +131,9 @@ impl Shares {
 /// A distribution over the conditions, given some frames.
 #[derive(Debug, Clone)]
 pub struct ConditionsPosterior {
-    grid: Grid,
-    prior: Weights,
-    weights: Weights,
+    grid: ConditionsGrid,
+    prior: GridWeights,
+    weights: GridWeights,
     prior_shares: Shares,
     shares: Shares,
     /// Whether the share of foreign frames is known.
@@ -143,7 +143,7 @@ pub struct ConditionsPosterior {
 
 /// Logarithms of the probabilities of all settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Weights {
+struct GridWeights {
     noise: [f64; NOISES],
     visibility: [f64; VISIBILITIES],
     false_dots: [f64; FALSE_DOTS],
@@ -151,7 +151,7 @@ struct Weights {
 
 /// The settings, and the tables of the likelihood under each.
 #[derive(Debug, Clone)]
-struct Grid {
+struct ConditionsGrid {
     /// ln of detection and of missing by z, a row of all visibilities each.
     detected: Vec<[f64; VISIBILITIES]>,
     missed: Vec<[f64; VISIBILITIES]>,
@@ -189,7 +189,7 @@ fn limit(visibility: usize) -> f64 {
     MIN_LIMIT + LIMIT_STEP * (visibility / RATES.len()) as f64
 }
 
-impl Grid {
+impl ConditionsGrid {
     fn new(prior: &ConditionsPrior) -> Self {
         // What is known has one value, whatever the place on the grid.
         let rates = prior
@@ -266,7 +266,7 @@ fn ln_sum_of_products(a: &[f64], b: &[f64]) -> f64 {
     max + terms().map(|t| (t - max).exp()).sum::<f64>().ln()
 }
 
-impl Weights {
+impl GridWeights {
     fn of_prior(prior: &ConditionsPrior) -> Self {
         // A known mean leaves no number of its own to nearly every frame.
         let usual = match prior.expected_false_dots {
@@ -318,7 +318,7 @@ impl Weights {
 
 /// The parts of a [`LnLikelihood`] that the explanation of a frame fills in.
 pub(super) struct Tally<'a> {
-    grid: &'a Grid,
+    grid: &'a ConditionsGrid,
     to: LnLikelihood,
     /// Scale that the distances were measured with.
     scale: f64,
@@ -403,10 +403,10 @@ impl ConditionsPosterior {
             let inside = mean > 0.0 && mean.is_finite();
             require(inside, "expected_false_dots", "a positive number", mean)?;
         }
-        let weights = Weights::of_prior(prior);
+        let weights = GridWeights::of_prior(prior);
         let shares = Shares::of_prior(prior);
         Ok(Self {
-            grid: Grid::new(prior),
+            grid: ConditionsGrid::new(prior),
             prior: weights,
             weights,
             prior_shares: shares,
@@ -445,7 +445,7 @@ impl ConditionsPosterior {
 
     /// One alternation: the explanations' probabilities, then the groups' distributions and the
     /// shares.
-    fn turn(&self, frames: &[FrameEvidence]) -> (Weights, Shares) {
+    fn turn(&self, frames: &[FrameEvidence]) -> (GridWeights, Shares) {
         let mut next = self.prior;
         // The prior counts as one frame.
         let Shares {

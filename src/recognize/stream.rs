@@ -118,60 +118,20 @@ pub fn identify_learning(
     threads: NonZero<usize>,
     sink: &mut impl Sink<FrameAnswer, Error = Error>,
 ) -> Result<LearnedView> {
-    let mut frames = frames.fuse();
+    let frames = frames.fuse();
     let learner = Learner {
         ball,
         base,
         prior: ConditionsPosterior::new(&learning.prior)?,
     };
-    let mut learned = Learned::nothing(&learner);
-    match learning.order {
+    let learned = match learning.order {
         LearningOrder::InAdvance => {
-            let mut first: Vec<ObservedFrame> = Vec::new();
-            let mut failed = None;
-            while first.len() < learning.max_frames && failed.is_none() {
-                match frames.next() {
-                    Some(Ok(frame)) => first.push(frame),
-                    Some(Err(error)) => failed = Some(error),
-                    None => break,
-                }
-            }
-            learned = learner.learn(&first)?;
-            if !learned.posterior.is_settled() {
-                // No frame confirms itself.
-                for (k, frame) in first.drain(..).enumerate() {
-                    let recognizer = learner.without(&learned, k)?;
-                    let mut workspace = recognizer.workspace();
-                    sink.take(FrameAnswer::new(&recognizer, &mut workspace, frame))?;
-                }
-            }
-            let first = first.into_iter().map(Ok).chain(failed.map(Err));
-            let recognizer = learner.recognizer(&learned.posterior)?;
-            identify_frames(&recognizer, first.chain(frames), threads, sink)?;
+            learner.in_advance(learning.max_frames, frames, threads, sink)?
         }
         LearningOrder::AsTheyCome => {
-            let mut seen: Vec<ObservedFrame> = Vec::new();
-            let mut share = 1;
-            while seen.len() < learning.max_frames {
-                let before = seen.len();
-                let recognizer = learner.recognizer(&learned.posterior)?;
-                let frames = frames.by_ref().take(share);
-                let mut keeper = Keeper {
-                    sink,
-                    seen: &mut seen,
-                };
-                identify_frames(&recognizer, frames, threads, &mut keeper)?;
-                if seen.len() == before {
-                    break;
-                }
-                share = seen.len();
-                learned = learner.learn(&seen)?;
-            }
-            drop(seen);
-            let recognizer = learner.recognizer(&learned.posterior)?;
-            identify_frames(&recognizer, frames, threads, sink)?;
+            learner.as_they_come(learning.max_frames, frames, threads, sink)?
         }
-    }
+    };
     Ok(LearnedView {
         view: learned.posterior.expected(&base.view),
         frames: learned.posterior.frames(),
@@ -217,6 +177,70 @@ impl Learner<'_> {
         Ok(learned)
     }
 
+    /// Learns from the first frames, then answers all.
+    fn in_advance(
+        &self,
+        max_frames: usize,
+        mut frames: impl Iterator<Item = Result<ObservedFrame>> + Send,
+        threads: NonZero<usize>,
+        sink: &mut impl Sink<FrameAnswer, Error = Error>,
+    ) -> Result<Learned> {
+        let mut first: Vec<ObservedFrame> = Vec::new();
+        let mut failed = None;
+        while first.len() < max_frames && failed.is_none() {
+            match frames.next() {
+                Some(Ok(frame)) => first.push(frame),
+                Some(Err(error)) => failed = Some(error),
+                None => break,
+            }
+        }
+        let learned = self.learn(&first)?;
+        if !learned.posterior.is_settled() {
+            // No frame confirms itself.
+            for (k, frame) in first.drain(..).enumerate() {
+                let recognizer = self.without(&learned, k)?;
+                let mut workspace = recognizer.workspace();
+                sink.take(FrameAnswer::new(&recognizer, &mut workspace, frame))?;
+            }
+        }
+        let first = first.into_iter().map(Ok).chain(failed.map(Err));
+        let recognizer = self.recognizer(&learned.posterior)?;
+        identify_frames(&recognizer, first.chain(frames), threads, sink)?;
+        Ok(learned)
+    }
+
+    /// Answers each frame by what those before it say, and learns from it.
+    fn as_they_come(
+        &self,
+        max_frames: usize,
+        mut frames: impl Iterator<Item = Result<ObservedFrame>> + Send,
+        threads: NonZero<usize>,
+        sink: &mut impl Sink<FrameAnswer, Error = Error>,
+    ) -> Result<Learned> {
+        let mut learned = Learned::nothing(self);
+        let mut seen: Vec<ObservedFrame> = Vec::new();
+        let mut share = 1;
+        while seen.len() < max_frames {
+            let before = seen.len();
+            let recognizer = self.recognizer(&learned.posterior)?;
+            let frames = frames.by_ref().take(share);
+            let mut keeper = FrameKeeper {
+                sink,
+                seen: &mut seen,
+            };
+            identify_frames(&recognizer, frames, threads, &mut keeper)?;
+            if seen.len() == before {
+                break;
+            }
+            share = seen.len();
+            learned = self.learn(&seen)?;
+        }
+        drop(seen);
+        let recognizer = self.recognizer(&learned.posterior)?;
+        identify_frames(&recognizer, frames, threads, sink)?;
+        Ok(learned)
+    }
+
     /// The recognizer that knows what all frames but one have learned.
     fn without(&self, learned: &Learned, frame: usize) -> Result<RobustRecognizer> {
         let mut others = learned.evidence.clone();
@@ -254,12 +278,12 @@ fn evidence(
 const LEARNING_CHUNK: usize = 16;
 
 /// Passes answers on, and keeps their frames.
-struct Keeper<'a, S> {
+struct FrameKeeper<'a, S> {
     sink: &'a mut S,
     seen: &'a mut Vec<ObservedFrame>,
 }
 
-impl<S: Sink<FrameAnswer, Error = Error>> Sink<FrameAnswer> for Keeper<'_, S> {
+impl<S: Sink<FrameAnswer, Error = Error>> Sink<FrameAnswer> for FrameKeeper<'_, S> {
     type Error = Error;
 
     fn take(&mut self, answer: FrameAnswer) -> Result<()> {

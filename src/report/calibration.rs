@@ -225,6 +225,10 @@ pub fn evaluate_calibration(
         0 => Vec::new(),
         _ => monte_carlo(calibration, nominal, &pattern, evaluation, &work)?,
     };
+    let trials = (evaluation.samples > 0).then_some((evaluation.samples, evaluation.seed));
+    let dot_set = trials
+        .map(|trials| DotSetReport::of(calibration, &pattern, dot_radius_rad, trials))
+        .transpose()?;
     let mut report = CalibrationReport {
         format_version: CALIBRATION_REPORT_VERSION,
         spindoe_version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -248,15 +252,7 @@ pub fn evaluate_calibration(
         held_out: held_out_with(nominal, frames, times_s, config, &|n| work.frames(n))?,
         motion: times_s.and_then(|t| calibration.motion_residuals(frames, t)),
         monte_carlo,
-        dot_set: match evaluation.samples {
-            0 => None,
-            _ => Some(DotSetReport::of(
-                calibration,
-                &pattern,
-                dot_radius_rad,
-                (evaluation.samples, evaluation.seed),
-            )?),
-        },
+        dot_set,
         seed: evaluation.seed,
         advice: Vec::new(),
     };
@@ -313,7 +309,7 @@ fn more_views(dots: &[DotReport]) -> Vec<usize> {
         may_be_seen && d.sigma_deg > WELL_MEASURED_DEG
     };
     let mut poor: Vec<&DotReport> = dots.iter().filter(poor).collect();
-    poor.sort_by(|a, b| b.sigma_deg.total_cmp(&a.sigma_deg));
+    poor.sort_unstable_by(|a, b| b.sigma_deg.total_cmp(&a.sigma_deg));
     poor.iter().map(|d| d.nominal_number).collect()
 }
 

@@ -204,7 +204,7 @@ impl DesignJob {
             command: observer.command(&self.config),
             camera: self.camera.clone(),
         };
-        let mut keeper = Keeper::new(self, Some(record), stop, observer);
+        let mut keeper = CheckpointKeeper::new(self, Some(record), stop, observer);
         let done = search_rounds(&shard.config(&self.config), &mut state, stop, &mut keeper)?;
         keeper.save(&state)?;
         Ok(done)
@@ -268,7 +268,7 @@ impl DesignJob {
     ) -> Result<DesignEvaluation> {
         let clock = Instant::now();
         observer.begins(&state);
-        let mut keeper = Keeper::new(self, None, stop, observer);
+        let mut keeper = CheckpointKeeper::new(self, None, stop, observer);
         let mut outcome = design(&self.config, &mut state, stop, &mut keeper)?;
         let camera = keeper.camera;
         let search_s = clock.elapsed().as_secs_f64();
@@ -466,7 +466,7 @@ fn finished_shards(job: &DesignJob, paths: &[PathBuf]) -> Result<Vec<SearchState
 }
 
 /// Saves a search on disk before its observer is called.
-struct Keeper<'a> {
+struct CheckpointKeeper<'a> {
     job: &'a DesignJob,
     shard: Option<ShardRecord>,
     /// Ends the ranking by a camera.
@@ -477,7 +477,7 @@ struct Keeper<'a> {
     camera: Option<CameraRecord>,
 }
 
-impl<'a> Keeper<'a> {
+impl<'a> CheckpointKeeper<'a> {
     fn new(
         job: &'a DesignJob,
         shard: Option<ShardRecord>,
@@ -499,7 +499,7 @@ impl<'a> Keeper<'a> {
     }
 }
 
-impl DesignObserver for Keeper<'_> {
+impl DesignObserver for CheckpointKeeper<'_> {
     fn progress(&mut self, state: &SearchState, stage: Stage) -> Result<()> {
         self.save(state)?;
         self.observer.progress(state, stage)

@@ -292,35 +292,53 @@ pub fn evaluate(
     ball.set_objective(Some(objective.clone()));
     ball.set_validation(Some(shipped));
     let report = DesignReport {
-        format_version: REPORT_VERSION,
-        spindoe_version: env!("CARGO_PKG_VERSION").to_owned(),
-        command: None,
-        config: config.clone(),
-        seeds: Seeds::of(config),
-        stopped: outcome.stopped,
-        starts: outcome.starts,
-        finalists: outcome.finalists.clone(),
-        objective,
-        orientation_bound: OrientationBound::default().summary(pattern.dots()),
-        mean_feature_distance: FeatureTree::new(&ball)?.mean_nearest_distance(),
-        pattern: PatternReport {
-            sha256: pattern.sha256(),
-            summary: pattern.summary(),
-            dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
-        },
-        design: None,
         validation,
         before,
-        added: Vec::new(),
         sensitivity,
-        camera: None,
-        milestones: outcome.milestones.iter().map(untimed).collect(),
+        ..DesignReport::of_outcome(outcome, config, objective, &ball)?
     };
     Ok(DesignEvaluation {
         ball,
         report,
         timing,
     })
+}
+
+impl DesignReport {
+    /// What a search says of its winner, without any trial.
+    fn of_outcome(
+        outcome: &DesignOutcome,
+        config: &DesignConfig,
+        objective: ObjectiveRecord,
+        ball: &Ball,
+    ) -> Result<Self> {
+        let pattern = ball.pattern();
+        Ok(Self {
+            format_version: REPORT_VERSION,
+            spindoe_version: env!("CARGO_PKG_VERSION").to_owned(),
+            command: None,
+            config: config.clone(),
+            seeds: Seeds::of(config),
+            stopped: outcome.stopped,
+            starts: outcome.starts,
+            finalists: outcome.finalists.clone(),
+            objective,
+            orientation_bound: OrientationBound::default().summary(pattern.dots()),
+            mean_feature_distance: FeatureTree::new(ball)?.mean_nearest_distance(),
+            pattern: PatternReport {
+                sha256: pattern.sha256(),
+                summary: pattern.summary(),
+                dots: pattern.dots().iter().map(|d| [d.x, d.y, d.z]).collect(),
+            },
+            design: None,
+            validation: Vec::new(),
+            before: Vec::new(),
+            added: Vec::new(),
+            sensitivity: Vec::new(),
+            camera: None,
+            milestones: outcome.milestones.iter().map(untimed).collect(),
+        })
+    }
 }
 
 /// The rates of the dots that were drawn before others came to them; none where all are new.

@@ -75,8 +75,8 @@ impl<'a> Angles<'a> {
     pub fn slipped(&self, given: Reading) -> Option<Reading> {
         let frames: Vec<Measurement> = self.on_circle().copied().collect();
         let (counts, interval) = counted(&frames, ON_LATTICE)?;
-        let steps: Vec<Step> = (1..frames.len())
-            .map(|i| Step {
+        let steps: Vec<AngleStep> = (1..frames.len())
+            .map(|i| AngleStep {
                 angle: self.angles[i] - self.angles[i - 1],
                 variance: self.sigma_rad(&frames[i]).powi(2)
                     + self.sigma_rad(&frames[i - 1]).powi(2),
@@ -216,14 +216,14 @@ impl<'a> Angles<'a> {
 }
 
 /// From one orientation on the circle to the next.
-struct Step {
+struct AngleStep {
     angle: f64,
     variance: f64,
     /// Intervals by the times.
     count: i64,
 }
 
-impl Step {
+impl AngleStep {
     /// What each slip explains of it, with its share.
     fn weights(&self, turn: f64, share: f64) -> impl Iterator<Item = (i64, f64)> {
         SLIPS.into_iter().filter_map(move |slip| {
@@ -250,11 +250,11 @@ fn slip_prior(slip: i64, share: f64) -> f64 {
 }
 
 /// The turn in one interval, with the share of slips, that explains the steps better than chance and any other turn.
-fn best_turn(steps: &[Step], sigma_rad: f64) -> Option<(f64, f64)> {
+fn best_turn(steps: &[AngleStep], sigma_rad: f64) -> Option<(f64, f64)> {
     let spacing = (0.5 * sigma_rad).max(1e-3);
     let nodes = (PI / spacing).ceil() as i64;
     let worth = |turn: f64, share: f64| -> f64 {
-        let one = |step: &Step| {
+        let one = |step: &AngleStep| {
             let right: f64 = step.weights(turn, share).map(|(_, w)| w).sum();
             ((1.0 - STRAY) * right + STRAY / TAU).ln()
         };

@@ -283,7 +283,7 @@ impl FicTrac {
             covariance: row.covariance,
         };
         self.check_time(now.time_s)?;
-        let step = self.last.map(|last| Step::new(&last, &now));
+        let step = self.last.map(|last| FictracStep::new(&last, &now));
         self.bad = 0;
         self.last = Some(now);
         let step = step.unwrap_or_default();
@@ -309,7 +309,7 @@ impl FicTrac {
     }
 
     /// Walks a step; its row.
-    fn row(&mut self, now: &Last, step: &Step, taken_ms: Option<f64>) -> FicTracRow {
+    fn row(&mut self, now: &Last, step: &FictracStep, taken_ms: Option<f64>) -> FicTracRow {
         let to_lab = self.config.camera_to_lab;
         let delta_lab = to_lab * step.turn;
         let ahead = [delta_lab.y, -delta_lab.x];
@@ -349,13 +349,13 @@ impl FicTrac {
 
 /// What lies between two rows; nothing where a path begins.
 #[derive(Debug, Clone, Copy, Default)]
-struct Step {
+struct FictracStep {
     turn: Vec3,
     error: f64,
     interval_s: f64,
 }
 
-impl Step {
+impl FictracStep {
     fn new(last: &Last, now: &Last) -> Self {
         let covariances = last.covariance.zip(now.covariance);
         Self {

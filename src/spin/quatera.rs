@@ -112,7 +112,7 @@ impl Plane {
         let scatter = quaternions.fold(Matrix4::zeros(), |z, q| z + q * q.transpose());
         let eigen = scatter.symmetric_eigen();
         let mut order = [0, 1, 2, 3];
-        order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+        order.sort_unstable_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
         Self {
             u1: eigen.eigenvectors.column(order[0]).into_owned(),
             u2: eigen.eigenvectors.column(order[1]).into_owned(),
@@ -360,7 +360,7 @@ fn median(values: &mut [f64]) -> f64 {
 
 /// Quantile with linear interpolation between order statistics; sorts its argument.
 fn quantile(values: &mut [f64], p: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
+    values.sort_unstable_by(f64::total_cmp);
     let x = p * (values.len() - 1) as f64;
     let (low, high) = (x.floor() as usize, x.ceil() as usize);
     values[low] + (values[high] - values[low]) * (x - x.floor())

@@ -26,7 +26,7 @@ const FLAT_MM: f64 = 1e-4;
 /// `mesh` without slivers as far as that goes with moves of the surface up to `tolerance_mm`;
 /// unused vertices are dropped.
 pub(super) fn cleaned(mesh: &Mesh, tolerance_mm: f64) -> Mesh {
-    let mut work = Work::new(mesh, tolerance_mm);
+    let mut work = CleanWork::new(mesh, tolerance_mm);
     for _ in 0..ROUNDS {
         if work.round() == 0 {
             break;
@@ -36,7 +36,7 @@ pub(super) fn cleaned(mesh: &Mesh, tolerance_mm: f64) -> Mesh {
 }
 
 /// A mesh under repair.
-struct Work {
+struct CleanWork {
     vertices: Vec<Vec3>,
     triangles: Vec<Option<[u32; 3]>>,
     /// The triangles around each vertex.
@@ -44,7 +44,7 @@ struct Work {
     tolerance_mm: f64,
 }
 
-impl Work {
+impl CleanWork {
     fn new(mesh: &Mesh, tolerance_mm: f64) -> Self {
         let mut around = vec![Vec::new(); mesh.vertices.len()];
         for (t, corners) in mesh.triangles.iter().enumerate() {

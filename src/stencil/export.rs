@@ -75,29 +75,6 @@ impl Stencil {
                 .filter(|&i| self.sides[i] == side)
                 .collect()
         };
-        let half = |i: usize| {
-            let h = &self.halves[i];
-            let pieces = h.pieces.iter().enumerate().map(|(k, piece)| {
-                json!({
-                    "file": piece_file(HalfName::BOTH[i], k),
-                    "turn_deg": degrees(piece.turn_rad),
-                    "check": piece.check,
-                    "through_holes": piece.through_holes,
-                    "bounding_box": piece.mesh.bounding_box(),
-                })
-            });
-            json!({
-                "file": HALF_FILES[i],
-                "check": h.check,
-                "through_holes": h.through_holes,
-                "numbers": h.numbers,
-                "unnumbered_dots": h.unnumbered,
-                "labels": h.labels,
-                "bounding_box": h.mesh.bounding_box(),
-                "pieces": pieces.collect::<Vec<_>>(),
-                "screws": h.screws,
-            })
-        };
         let dots = self.layout.dots.iter().zip(&self.sides).enumerate();
         let dots = dots.map(|(i, (d, side))| {
             json!({
@@ -130,11 +107,35 @@ impl Stencil {
             "beds": self.beds().collect::<Vec<_>>(),
             "windows": self.layout.windows,
             "zones_without_window": self.layout.closed,
-            "half_a": half(0),
-            "half_b": half(1),
+            "half_a": self.half_description(0),
+            "half_b": self.half_description(1),
             "parameters": self.parameters()?,
             "joint": self.joint,
         }))
+    }
+
+    fn half_description(&self, i: usize) -> serde_json::Value {
+        let half = &self.halves[i];
+        let pieces = half.pieces.iter().enumerate().map(|(k, piece)| {
+            json!({
+                "file": piece_file(HalfName::BOTH[i], k),
+                "turn_deg": degrees(piece.turn_rad),
+                "check": piece.check,
+                "through_holes": piece.through_holes,
+                "bounding_box": piece.mesh.bounding_box(),
+            })
+        });
+        json!({
+            "file": HALF_FILES[i],
+            "check": half.check,
+            "through_holes": half.through_holes,
+            "numbers": half.numbers,
+            "unnumbered_dots": half.unnumbered,
+            "labels": half.labels,
+            "bounding_box": half.mesh.bounding_box(),
+            "pieces": pieces.collect::<Vec<_>>(),
+            "screws": half.screws,
+        })
     }
 
     /// The configuration as files and the command give it: angles in degrees.

@@ -3,11 +3,11 @@
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3};
 
-use super::layout::{self, Cut, Layout};
+use super::layout::{Cut, Layout};
 use super::mesh::{Mesh, MeshCheck};
 use super::segments::Cuts;
 use super::solid::Solid;
-use super::{Half, HalfName, Joint, Piece, StencilConfig, clean, marks, parts};
+use super::{Half, HalfName, Joint, Piece, StencilConfig, clean, marks, obstacles, parts};
 
 /// How far cleaning may move the surface, as fractions of the chord error: tried in this order.
 const CLEANING: [f64; 3] = [0.2, 0.05, 0.005];
@@ -35,9 +35,9 @@ fn marks(
             numbered.push((i, name.own_frame(dot)));
         }
     }
-    let mut obstacles = layout::hinge_points(config, joint);
+    let mut obstacles = obstacles::hinge_points(config, joint);
     if name == HalfName::A {
-        obstacles.extend(layout::tab_points(config, joint));
+        obstacles.extend(obstacles::tab_points(config, joint));
     }
     let windows = layout.windows.iter().filter(|w| w.half == name);
     obstacles.extend(windows.flat_map(|w| w.points(config)));
@@ -66,7 +66,6 @@ pub(super) fn build(
 ) -> Result<Half> {
     let cuts = Cuts::choose(layout, name, config, joint)?;
     let marks = marks(layout, name, labels, cuts.as_ref(), config, joint)?;
-    let up = Vec3::new(0.0, 0.0, joint.lip_mm);
     let mut outcome = Err(Error::Internal(format!(
         "{name}: no tessellation was tried"
     )));
@@ -77,41 +76,24 @@ pub(super) fn build(
             chord_error_mm: fineness * config.chord_error_mm,
             ..config.clone()
         };
-        let part = parts::Shell {
-            config: &tessellated,
-            joint,
-            name,
-            holes: layout
-                .dots
-                .iter()
-                .map(|d| name.own_frame(d))
-                .zip(layout.cuts.iter().map(|c| c[name as usize]))
-                .collect(),
-            windows: layout
-                .windows
-                .iter()
-                .filter(|w| w.half == name)
-                .map(|w| (name.own_frame(&w.axis), w.radius_mm))
-                .collect(),
-            marks: marks.tools.clone(),
-            cuts: cuts.as_ref(),
-        };
-        let solid = part.solid()?;
-        let whole = finished(&solid.mesh().mapped(|v| v + up), config, |mesh| {
-            checked(mesh, &name.to_string(), part.through_holes())
-        });
-        outcome = whole.and_then(|(mesh, check)| {
-            Ok(Half {
-                mesh,
-                check,
-                through_holes: part.through_holes(),
-                pieces: pieces(&solid, &part, up)?,
-                screws: cuts.as_ref().map_or(0, |cuts| cuts.screw_count(config)),
-                numbers: Vec::new(),
-                unnumbered: Vec::new(),
-                labels: Vec::new(),
-            })
-        });
+        let holes = layout.dots.iter().zip(&layout.cuts);
+        let windows = layout.windows.iter().filter(|w| w.half == name);
+        outcome = tried(
+            &parts::Shell {
+                config: &tessellated,
+                joint,
+                name,
+                holes: holes
+                    .map(|(d, cuts)| (name.own_frame(d), cuts[name as usize]))
+                    .collect(),
+                windows: windows
+                    .map(|w| (name.own_frame(&w.axis), w.radius_mm))
+                    .collect(),
+                marks: marks.tools.clone(),
+                cuts: cuts.as_ref(),
+            },
+            config,
+        );
         if outcome.is_ok() {
             break;
         }
@@ -121,6 +103,25 @@ pub(super) fn build(
         unnumbered: marks.left_out,
         labels: marks.labels,
         ..half
+    })
+}
+
+/// A half with these facets, on the bed and checked; what is engraved is not told yet.
+fn tried(part: &parts::Shell<'_>, config: &StencilConfig) -> Result<Half> {
+    let up = Vec3::new(0.0, 0.0, part.joint.lip_mm);
+    let solid = part.solid()?;
+    let (mesh, check) = finished(&solid.mesh().mapped(|v| v + up), config, |mesh| {
+        checked(mesh, &part.name.to_string(), part.through_holes())
+    })?;
+    Ok(Half {
+        mesh,
+        check,
+        through_holes: part.through_holes(),
+        pieces: pieces(&solid, part, up)?,
+        screws: part.cuts.map_or(0, |cuts| cuts.screw_count(config)),
+        numbers: Vec::new(),
+        unnumbered: Vec::new(),
+        labels: Vec::new(),
     })
 }
 

@@ -1,28 +1,21 @@
 //! The layout of the stencil on the pattern: seam, hinge, and which parts each hole cuts.
 //!
 //! The seam is the plane farthest from all dots along which hinge and tab keep clear of the holes;
-//! the hinge then goes where it is farthest from them. Distances between a hole and hinge or tab
-//! are measured from points on their surfaces to the hole's cone, which is taken to go on outside
-//! the shell as a cylinder: there the pen stands.
-
-use std::f64::consts::FRAC_PI_2;
+//! the hinge then goes where it is farthest from them.
 
 use crate::concurrency;
 use crate::error::{Error, Result};
-use crate::geometry::{Rotation, Vec3, tangent_frame};
+use crate::geometry::{Rotation, Vec3};
 use crate::pattern::{KeepOut, Pattern};
 
 use super::joint::Joint;
+use super::obstacles::{HingePlace, Obstacles};
 use super::seam::{Seam, seam_candidates};
 use super::windows::{self, ClosedZone, Window};
-use super::{HalfName, StencilConfig, shapes};
+use super::{HalfName, StencilConfig};
 
 /// Seams tried for one that leaves every zone a window.
 const MAX_SHUT: usize = 40;
-/// Hinge positions tried along a seam.
-const AZIMUTHS: usize = 120;
-/// Distance of the points that stand for a surface, mm.
-const SPACING_MM: f64 = 1.0;
 /// Rounding of a distance, mm.
 const ROUNDING_MM: f64 = 1e-9;
 /// A hole that misses a rim's edge by less than this counts as cutting it, mm: tangent circles have
@@ -59,78 +52,6 @@ pub(super) struct Layout {
     pub windows: Vec<Window>,
     /// Zones for which there is none.
     pub closed: Vec<ClosedZone>,
-}
-
-/// Outline of a hinge arm with its knuckle in the plane y = 0 of a half's own frame (dome up): x,
-/// z.
-pub(super) fn arm_outline(config: &StencilConfig, joint: &Joint) -> Vec<(f64, f64)> {
-    let chord = config.chord_error_mm;
-    let segments = shapes::circle_segments(joint.knuckle_radius_mm, chord);
-    let mut points = shapes::circle((joint.axis_mm, 0.0), joint.knuckle_radius_mm, segments);
-    // Deep enough to end inside the shell's cavity, from where it is cut away.
-    let half = 0.5 * config.hinge_length_mm;
-    let inner = config.inner_radius_mm();
-    let x = (inner * inner - half * half - joint.arm_mm * joint.arm_mm).max(0.25 * inner * inner);
-    points.extend([(x.sqrt(), joint.arm_mm), (x.sqrt(), -joint.lip_mm)]);
-    shapes::convex_hull(&points)
-}
-
-/// Points on the hinge's surface outside the shell, in a half's own frame.
-pub(super) fn hinge_points(config: &StencilConfig, joint: &Joint) -> Vec<Vec3> {
-    let outline = arm_outline(config, joint);
-    let half = 0.5 * config.hinge_length_mm;
-    let rows = (config.hinge_length_mm / SPACING_MM).ceil() as usize;
-    let mut points = Vec::new();
-    for (i, a) in outline.iter().enumerate() {
-        let b = outline[(i + 1) % outline.len()];
-        let steps = ((b.0 - a.0).hypot(b.1 - a.1) / SPACING_MM).ceil() as usize;
-        for s in 0..steps {
-            let t = s as f64 / steps as f64;
-            for row in 0..=rows {
-                let y = half * (2.0 * row as f64 / rows as f64 - 1.0);
-                points.push(Vec3::new(a.0 + t * (b.0 - a.0), y, a.1 + t * (b.1 - a.1)));
-            }
-        }
-    }
-    points.retain(|p| p.norm() > config.outer_radius_mm() - 0.5 * SPACING_MM);
-    points
-}
-
-/// Points on the tab's surface outside the shell, in the stencil's frame.
-pub(super) fn tab_points(config: &StencilConfig, joint: &Joint) -> Vec<Vec3> {
-    let outer = config.outer_radius_mm();
-    let half = 0.5 * joint.tab_width_mm;
-    let steps = |length: f64| (length / SPACING_MM).ceil() as usize;
-    let along = |from: f64, length: f64| {
-        (0..=steps(length)).map(move |i| from + length * i as f64 / steps(length) as f64)
-    };
-    let mut points = Vec::new();
-    for z in along(-joint.lip_mm, joint.tab_thickness_mm) {
-        for y in along(-half, joint.tab_width_mm) {
-            for x in along(outer - config.wall_mm, config.wall_mm + config.tab_mm) {
-                points.push(Vec3::new(-x, y, z));
-            }
-        }
-    }
-    points.retain(|p| p.norm() > outer - 0.5 * SPACING_MM);
-    points
-}
-
-/// Minimum distance of `points` from the hole of `dot`, mm; negative inside it.
-fn distance_to_hole(dot: &Vec3, points: &[Vec3], config: &StencilConfig) -> f64 {
-    let outer = config.outer_radius_mm();
-    points
-        .iter()
-        .map(|p| {
-            let height = p.dot(dot);
-            let beside = (p - height * dot).norm();
-            if height < 0.0 {
-                f64::INFINITY
-            } else {
-                beside - config.hole_radius_mm(height.min(outer))
-            }
-        })
-        .fold(f64::INFINITY, f64::min)
 }
 
 /// Lowest and highest point above the bed of the circle that the hole of `dot` (a half's own frame,
@@ -223,17 +144,6 @@ fn ledge_web(dot: &Vec3, name: HalfName, config: &StencilConfig, joint: &Joint) 
     }
 }
 
-/// A seam with its best hinge position, which is the same whatever the holes' diameter.
-struct Place {
-    seam: Seam,
-    rotation: Rotation,
-    /// The dots in the stencil's frame.
-    dots: Vec<Vec3>,
-    /// Minimum distance of a hole from hinge or tab were its throat a line, mm: every hole is nearer by
-    /// the throat's radius.
-    bare_mm: f64,
-}
-
 /// What holes do at a place.
 struct Trial {
     layout: Layout,
@@ -243,109 +153,8 @@ struct Trial {
     ledge_mm: f64,
 }
 
-/// A surface that holes must stay clear of, as points within a cone about an axis.
-struct Obstacle {
-    points: Vec<Vec3>,
-    axis: Vec3,
-    /// Half angle of the cone, radians.
-    half_angle: f64,
-    /// Distance of the nearest point from the origin, mm.
-    nearest: f64,
-}
-
-impl Obstacle {
-    fn new(points: Vec<Vec3>, axis: Vec3) -> Self {
-        let angles = points.iter().map(|p| p.angle(&axis));
-        Self {
-            half_angle: angles.fold(0.0, f64::max),
-            nearest: points.iter().map(Vec3::norm).fold(f64::INFINITY, f64::min),
-            points,
-            axis,
-        }
-    }
-
-    /// Whether the hole of `dot` is certainly farther away than `distance`, mm: no point lies
-    /// nearer to the hole's axis than the near end of the cone.
-    fn is_beyond(&self, distance: f64, dot: &Vec3, config: &StencilConfig) -> bool {
-        let angle = (dot.angle(&self.axis) - self.half_angle).clamp(0.0, FRAC_PI_2);
-        self.nearest * angle.sin() - config.opening_radius_mm() > distance
-    }
-}
-
-/// Surfaces that holes must stay clear of: hinge, in a half's own frame, and tab, in the stencil's.
-struct Obstacles {
-    hinge: Obstacle,
-    tab: Obstacle,
-    /// The stencil with holes whose throats are lines.
-    bare: StencilConfig,
-}
-
-impl Obstacles {
-    fn new(config: &StencilConfig, joint: &Joint) -> Self {
-        Self {
-            hinge: Obstacle::new(hinge_points(config, joint), Vec3::x()),
-            tab: Obstacle::new(tab_points(config, joint), -Vec3::x()),
-            bare: StencilConfig {
-                hole_diameter_mm: 0.0,
-                ..config.clone()
-            },
-        }
-    }
-
-    /// [`Place::bare_mm`] of dots in the stencil's frame, those nearest to hinge and tab first. Stops early at or
-    /// below `enough`.
-    fn clearance(&self, dots: &[Vec3], enough: f64) -> f64 {
-        let mut clearance = f64::INFINITY;
-        for d in dots {
-            // The hinge's arms reach up on both sides of the seam.
-            let up = Vec3::new(d.x, d.y, d.z.abs());
-            for (dot, obstacle) in [(&up, &self.hinge), (d, &self.tab)] {
-                if !obstacle.is_beyond(clearance, dot, &self.bare) {
-                    let distance = distance_to_hole(dot, &obstacle.points, &self.bare);
-                    clearance = clearance.min(distance);
-                }
-            }
-            if clearance <= enough {
-                break;
-            }
-        }
-        clearance
-    }
-
-    /// The best hinge position along `seam`, where one is clear of the holes by more than `enough`, as
-    /// [`Place::bare_mm`] counts.
-    fn place(&self, seam: Seam, pattern: &[Vec3], enough: f64) -> Option<Place> {
-        let [u, v] = tangent_frame(&seam.normal);
-        let mut best = (enough, None);
-        let mut dots: Vec<Vec3> = Vec::with_capacity(pattern.len());
-        for i in 0..AZIMUTHS {
-            let (sin, cos) = (std::f64::consts::TAU * i as f64 / AZIMUTHS as f64).sin_cos();
-            let x = cos * u + sin * v;
-            let y = seam.normal.cross(&x);
-            let rows = [x.transpose(), y.transpose(), seam.normal.transpose()];
-            let matrix = nalgebra::Matrix3::from_rows(&rows);
-            let turn = nalgebra::Rotation3::from_matrix_unchecked(matrix);
-            dots.clear();
-            dots.extend(pattern.iter().map(|d| turn * d));
-            // Hinge and tab lie on the x axis: the nearest dots decide, and most positions fail by one.
-            dots.sort_unstable_by(|a, b| b.x.abs().total_cmp(&a.x.abs()));
-            let clearance = self.clearance(&dots, best.0);
-            if clearance > best.0 {
-                best = (clearance, Some(turn));
-            }
-        }
-        let (bare_mm, turn) = (best.0, best.1?);
-        Some(Place {
-            seam,
-            rotation: Rotation::from_rotation_matrix(&turn),
-            dots: pattern.iter().map(|d| turn * d).collect(),
-            bare_mm,
-        })
-    }
-}
-
 /// What the holes of this diameter do at a place.
-fn judged(place: &Place, config: &StencilConfig, joint: &Joint) -> Trial {
+fn judged(place: &HingePlace, config: &StencilConfig, joint: &Joint) -> Trial {
     let dots = &place.dots;
     let mut thin: Option<(f64, usize)> = None;
     let mut cuts = Vec::with_capacity(dots.len());
@@ -377,6 +186,97 @@ fn judged(place: &Place, config: &StencilConfig, joint: &Joint) -> Trial {
         },
         thin,
         ledge_mm,
+    }
+}
+
+/// The choice among seams: what was found so far.
+struct Choice<'a> {
+    zones: &'a [KeepOut],
+    obstacles: &'a Obstacles,
+    config: &'a StencilConfig,
+    joint: &'a Joint,
+    /// The largest [`Place::bare_mm`] of any, mm.
+    clearest_mm: f64,
+    /// The thickest of the webs that are too thin, mm, and its dot.
+    thickest: Option<(f64, usize)>,
+    /// The first plane that will do but for slivers of a ledge.
+    second: Option<Layout>,
+    /// The first plane that will do, where it leaves some zone without a window.
+    shut: Option<Layout>,
+    /// Planes that will do, but leave some zone without a window.
+    tried: usize,
+}
+
+impl Choice<'_> {
+    /// Whether a plane with slivers keeps the margin that was asked for, and this one does not.
+    fn prefers_another_to(&self, seam: &Seam) -> bool {
+        let is_far = |seam: &Seam| seam.margin_rad >= self.config.seam_margin_rad;
+        let second = self.second.as_ref();
+        second.is_some_and(|second| is_far(&second.seam) && !is_far(seam))
+    }
+
+    /// The layout of a plane or the first one, where no further plane need be considered.
+    fn consider(&mut self, seam: Seam, dots: &[Vec3]) -> Option<Layout> {
+        let needed = self.config.min_web_mm + 0.5 * self.config.hole_diameter_mm;
+        // What is neither wide enough nor the widest so far is of no interest.
+        let enough = self.clearest_mm.min(needed - ROUNDING_MM);
+        let place = self.obstacles.place(seam, dots, enough)?;
+        self.clearest_mm = self.clearest_mm.max(place.bare_mm);
+        if place.bare_mm < needed {
+            return None;
+        }
+        let trial = judged(&place, self.config, self.joint);
+        if let Some(thin) = trial.thin {
+            if self.thickest.is_none_or(|t| thin.0 > t.0) {
+                self.thickest = Some(thin);
+            }
+        } else if trial.ledge_mm >= self.config.nozzle_mm {
+            let layout = self.with_windows(trial.layout);
+            self.tried += 1;
+            if layout.closed.is_empty() {
+                return Some(layout);
+            }
+            let is_last = self.tried > MAX_SHUT;
+            let first = self.shut.get_or_insert(layout);
+            return is_last.then(|| first.clone());
+        } else if trial.ledge_mm > 0.0 && self.second.is_none() {
+            self.second = Some(trial.layout);
+        }
+        None
+    }
+
+    fn with_windows(&self, layout: Layout) -> Layout {
+        layout.with_windows(self.zones, self.obstacles, self.config, self.joint)
+    }
+
+    /// The best of the planes considered.
+    fn settle(mut self) -> Result<Layout> {
+        if let Some(layout) = self.shut {
+            return Ok(layout);
+        }
+        if let Some(second) = self.second.take() {
+            return Ok(self.with_windows(second));
+        }
+        let config = self.config;
+        Err(match self.thickest {
+            Some((web, dot)) => Error::argument(
+                "seam_margin_rad",
+                format!(
+                    "whichever plane parts the halves, a hole lies too near a rim: at best that of \
+                     dot {dot} leaves {web:.2} mm, expected at least {} mm",
+                    config.min_web_mm
+                ),
+            ),
+            None => Error::argument(
+                "hinge_length_mm",
+                format!(
+                    "wherever it lies, a hole goes through hinge or thumb tab: the best place leaves \
+                     {:.2} mm between them, expected at least {} mm",
+                    self.clearest_mm - 0.5 * config.hole_diameter_mm,
+                    config.min_web_mm
+                ),
+            ),
+        })
     }
 }
 
@@ -415,81 +315,31 @@ impl Layout {
     /// # Errors
     /// [`Error::Argument`] with the value of the best attempt where no plane will do.
     pub fn choose(pattern: &Pattern, config: &StencilConfig, joint: &Joint) -> Result<Self> {
-        let (dots, zones) = (pattern.dots(), pattern.keep_out());
+        let dots = pattern.dots();
         let obstacles = Obstacles::new(config, joint);
-        let needed = config.min_web_mm + 0.5 * config.hole_diameter_mm;
-        let mut clearest = f64::NEG_INFINITY;
-        let mut thickest: Option<(f64, usize)> = None;
-        let mut second: Option<Self> = None;
-        let far = |margin_rad: f64| margin_rad >= config.seam_margin_rad;
-        // The first plane that will do, where it leaves some zone without a window.
-        let mut shut: Option<Self> = None;
-        let mut tried = 0;
+        let mut choice = Choice {
+            zones: pattern.keep_out(),
+            obstacles: &obstacles,
+            config,
+            joint,
+            clearest_mm: f64::NEG_INFINITY,
+            thickest: None,
+            second: None,
+            shut: None,
+            tried: 0,
+        };
         for seam in seam_candidates(dots) {
-            if let Some(second) =
-                second.take_if(|s| far(s.seam.margin_rad) && !far(seam.margin_rad))
-            {
-                return Ok(
-                    shut.unwrap_or_else(|| second.with_windows(zones, &obstacles, config, joint))
-                );
+            if choice.prefers_another_to(&seam) {
+                break;
             }
             for sign in [1.0, -1.0] {
                 let normal = sign * seam.normal;
-                let seam = Seam { normal, ..seam };
-                // What is neither wide enough nor the widest so far is of no interest.
-                let enough = clearest.min(needed - ROUNDING_MM);
-                let Some(place) = obstacles.place(seam, dots, enough) else {
-                    continue;
-                };
-                clearest = clearest.max(place.bare_mm);
-                if place.bare_mm < needed {
-                    continue;
-                }
-                let trial = judged(&place, config, joint);
-                if let Some(thin) = trial.thin {
-                    if thickest.is_none_or(|t| thin.0 > t.0) {
-                        thickest = Some(thin);
-                    }
-                } else if trial.ledge_mm >= config.nozzle_mm {
-                    let layout = trial.layout.with_windows(zones, &obstacles, config, joint);
-                    tried += 1;
-                    if layout.closed.is_empty() || tried > MAX_SHUT {
-                        return Ok(match shut {
-                            Some(first) if !layout.closed.is_empty() => first,
-                            _ => layout,
-                        });
-                    }
-                    shut.get_or_insert(layout);
-                } else if trial.ledge_mm > 0.0 && second.is_none() {
-                    second = Some(trial.layout);
+                if let Some(layout) = choice.consider(Seam { normal, ..seam }, dots) {
+                    return Ok(layout);
                 }
             }
         }
-        if let Some(layout) = shut {
-            return Ok(layout);
-        }
-        if let Some(second) = second {
-            return Ok(second.with_windows(zones, &obstacles, config, joint));
-        }
-        Err(match thickest {
-            Some((web, dot)) => Error::argument(
-                "seam_margin_rad",
-                format!(
-                    "whichever plane parts the halves, a hole lies too near a rim: at best that of \
-                     dot {dot} leaves {web:.2} mm, expected at least {} mm",
-                    config.min_web_mm
-                ),
-            ),
-            None => Error::argument(
-                "hinge_length_mm",
-                format!(
-                    "wherever it lies, a hole goes through hinge or thumb tab: the best place leaves \
-                     {:.2} mm between them, expected at least {} mm",
-                    clearest - 0.5 * config.hole_diameter_mm,
-                    config.min_web_mm
-                ),
-            ),
-        })
+        choice.settle()
     }
 
     /// Of these hole diameters, descending, the first with which [`Layout::choose`] succeeds. Every seam's hinge is
@@ -511,7 +361,7 @@ impl Layout {
         };
         let seams: Vec<Seam> = seam_candidates(dots).into_iter().flat_map(both).collect();
         let places = concurrency::map(&seams, |seam| obstacles.place(*seam, dots, enough));
-        let places: Vec<Place> = places.into_iter().flatten().collect();
+        let places: Vec<HingePlace> = places.into_iter().flatten().collect();
         diameters_mm.iter().copied().find(|&hole_diameter_mm| {
             let sized = StencilConfig {
                 hole_diameter_mm,

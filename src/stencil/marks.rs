@@ -69,7 +69,7 @@ pub struct Label {
 
 /// A place on the dome for a number: a rectangle touching the sphere in its middle.
 #[derive(Clone, Copy)]
-struct Place {
+struct NumberPlace {
     center: Vec3,
     right: Vec3,
     up: Vec3,
@@ -77,7 +77,7 @@ struct Place {
     half_height: f64,
 }
 
-impl Place {
+impl NumberPlace {
     /// A rectangle about the direction `center`, upright when the dome is up.
     fn new(center: Vec3, words: &Words) -> Self {
         let up = (Vec3::z() - center.z * center).try_normalize(0.05);
@@ -174,9 +174,9 @@ pub(super) struct Marks {
     /// Labels that found a place.
     pub labels: Vec<Label>,
     /// Rectangles that are taken.
-    taken: Vec<Place>,
+    taken: Vec<NumberPlace>,
     /// Lines from numbers to their holes.
-    lines: Vec<Place>,
+    lines: Vec<NumberPlace>,
 }
 
 /// What numbers keep clear of.
@@ -185,6 +185,59 @@ pub(super) struct Surroundings<'a> {
     pub holes: &'a [Vec3],
     /// Points on hinge and tab.
     pub obstacles: &'a [Vec3],
+}
+
+/// Where a number goes: its height, mm, its place and the line that leads to its hole, if it needs one.
+type PlacedNumber = (f64, NumberPlace, Option<(NumberPlace, Words)>);
+
+impl Marks {
+    /// The first free one of these places (height, how clearly it is the hole's, place). A number that needs a line stands where one can lead
+    /// to its hole, if there is such a place.
+    fn chosen(
+        &self,
+        found: &[(f64, f64, NumberPlace)],
+        hole: &Vec3,
+        around: &Surroundings<'_>,
+        config: &StencilConfig,
+        joint: &Joint,
+    ) -> Option<PlacedNumber> {
+        let radius = config.outer_radius_mm();
+        let free = found.iter().filter(|(_, _, p)| self.is_free(p, radius));
+        let leads = |nearer: f64, place: &NumberPlace| {
+            let line = (nearer > CLEARLY)
+                .then(|| leader(place, hole, config))
+                .flatten();
+            let is_possible = line.as_ref().is_none_or(|(line, _)| {
+                line.is_clear_but(Some(hole), around, config, joint) && self.can_lead(line, radius)
+            });
+            is_possible.then_some(line)
+        };
+        let mut led = free
+            .clone()
+            .filter_map(|(height, nearer, place)| Some((*height, *place, leads(*nearer, place)?)));
+        let other = || {
+            let mut unled = free.map(|(height, _, place)| (*height, *place, None));
+            unled.next()
+        };
+        led.next().or_else(other)
+    }
+
+    fn engrave(&mut self, dot: usize, number: PlacedNumber, config: &StencilConfig) -> Result<()> {
+        let (height_mm, place, line) = number;
+        let words = Words::number(dot, height_mm)?;
+        self.tools.push(tool(&place, &words, config)?);
+        self.numbers.push(DotNumber {
+            dot,
+            direction: place.center,
+            height_mm,
+        });
+        self.taken.push(place);
+        if let Some((line, bar)) = line {
+            self.tools.push(tool(&line, &bar, config)?);
+            self.lines.push(line);
+        }
+        Ok(())
+    }
 }
 
 /// Engraves the numbers `numbered` (index and direction, the half's own frame).
@@ -197,7 +250,6 @@ pub(super) fn numbers(
     config: &StencilConfig,
     joint: &Joint,
 ) -> Result<Marks> {
-    let radius = config.outer_radius_mm();
     let full = full_height(config);
     let mut marks = Marks::default();
     // Dots with the fewest places choose first.
@@ -214,40 +266,9 @@ pub(super) fn numbers(
     }
     waiting.sort_by_key(|(_, _, found)| found.len());
     for (dot, hole, found) in waiting {
-        let free = found.iter().filter(|(_, _, p)| marks.is_free(p, radius));
-        // A number that needs a line stands where one can lead to its hole, if there is such a place.
-        let leads = |nearer: f64, place: &Place| {
-            let line = (nearer > CLEARLY)
-                .then(|| leader(place, hole, config))
-                .flatten();
-            let is_possible = line.as_ref().is_none_or(|(line, _)| {
-                line.is_clear_but(Some(hole), around, config, joint) && marks.can_lead(line, radius)
-            });
-            is_possible.then_some(line)
-        };
-        let mut led = free
-            .clone()
-            .filter_map(|(height, nearer, place)| Some((*height, *place, leads(*nearer, place)?)));
-        let other = || {
-            free.clone()
-                .map(|(height, _, place)| (*height, *place, None))
-                .next()
-        };
-        let Some((height_mm, place, line)) = led.next().or_else(other) else {
-            marks.left_out.push(dot);
-            continue;
-        };
-        let words = Words::number(dot, height_mm)?;
-        marks.tools.push(tool(&place, &words, config)?);
-        marks.numbers.push(DotNumber {
-            dot,
-            direction: place.center,
-            height_mm,
-        });
-        marks.taken.push(place);
-        if let Some((line, bar)) = line {
-            marks.tools.push(tool(&line, &bar, config)?);
-            marks.lines.push(line);
+        match marks.chosen(&found, hole, around, config, joint) {
+            Some(number) => marks.engrave(dot, number, config)?,
+            None => marks.left_out.push(dot),
         }
     }
     marks.numbers.sort_by_key(|number| number.dot);
@@ -256,7 +277,11 @@ pub(super) fn numbers(
 }
 
 /// The line from a number to its hole, where the gap between them asks for one.
-fn leader(number: &Place, hole: &Vec3, config: &StencilConfig) -> Option<(Place, Words)> {
+fn leader(
+    number: &NumberPlace,
+    hole: &Vec3,
+    config: &StencilConfig,
+) -> Option<(NumberPlace, Words)> {
     let radius = config.outer_radius_mm();
     let towards = (hole - hole.dot(&number.center) * number.center).try_normalize(1e-6)?;
     let extent = number.half_width * towards.dot(&number.right).abs()
@@ -271,18 +296,18 @@ fn leader(number: &Place, hole: &Vec3, config: &StencilConfig) -> Option<(Place,
     let angle = 0.5 * (from + to);
     let middle = angle.cos() * number.center + angle.sin() * towards;
     let bar = Words::bar(LEADER_MM, length);
-    Some((Place::towards(middle, hole, &bar)?, bar))
+    Some((NumberPlace::towards(middle, hole, &bar)?, bar))
 }
 
 impl Marks {
     /// Whether a rectangle keeps clear of all numbers, labels and lines.
-    fn is_free(&self, place: &Place, radius: f64) -> bool {
-        let apart = |gap: f64| move |t: &Place| t.is_apart(place, gap, radius);
+    fn is_free(&self, place: &NumberPlace, radius: f64) -> bool {
+        let apart = |gap: f64| move |t: &NumberPlace| t.is_apart(place, gap, radius);
         self.taken.iter().all(apart(NUMBERS_APART_MM)) && self.lines.iter().all(apart(CLEAR_MM))
     }
 
     /// Whether a line keeps clear of the numbers and lines that are there.
-    fn can_lead(&self, line: &Place, radius: f64) -> bool {
+    fn can_lead(&self, line: &NumberPlace, radius: f64) -> bool {
         let others = self.taken.iter().chain(&self.lines);
         others
             .into_iter()
@@ -304,7 +329,7 @@ impl Marks {
         let mut directions: Vec<Vec3> = spiral_directions(LABEL_PLACES)
             .filter(|d| d.z > 0.0)
             .collect();
-        directions.sort_by(|a, b| b.z.total_cmp(&a.z));
+        directions.sort_unstable_by(|a, b| b.z.total_cmp(&a.z));
         for text in texts {
             for size in LABEL_SIZES {
                 let height_mm = (size * full_height(config)).max(MIN_LABEL_MM);
@@ -312,7 +337,7 @@ impl Marks {
                 if words.half_width > MAX_HALF_WIDTH * radius {
                     continue;
                 }
-                let mut places = directions.iter().map(|d| Place::new(*d, &words));
+                let mut places = directions.iter().map(|d| NumberPlace::new(*d, &words));
                 let Some(place) =
                     places.find(|p| p.is_clear(around, config, joint) && self.is_free(p, radius))
                 else {
@@ -348,10 +373,10 @@ impl Marks {
         let mut directions: Vec<Vec3> = spiral_directions(LABEL_PLACES)
             .filter(|d| d.z > 0.0)
             .collect();
-        directions.sort_by(|a, b| b.dot(zone).total_cmp(&a.dot(zone)));
+        directions.sort_unstable_by(|a, b| b.dot(zone).total_cmp(&a.dot(zone)));
         let mut places = directions
             .iter()
-            .filter_map(|d| Place::towards(*d, zone, &words));
+            .filter_map(|d| NumberPlace::towards(*d, zone, &words));
         if let Some(place) =
             places.find(|p| p.is_clear(around, config, joint) && self.is_free(p, radius))
         {
@@ -378,7 +403,7 @@ pub(super) fn words_at(
     config: &StencilConfig,
 ) -> Result<Mesh> {
     let words = Words::new(text, height)?;
-    tool(&Place::new(*center, &words), &words, config)
+    tool(&NumberPlace::new(*center, &words), &words, config)
 }
 
 /// What the engraving leaves: the sphere of its bottom.
@@ -395,10 +420,10 @@ fn places(
     around: &Surroundings<'_>,
     config: &StencilConfig,
     joint: &Joint,
-) -> Vec<Place> {
+) -> Vec<NumberPlace> {
     let radius = config.outer_radius_mm();
     let hole = config.opening_radius_mm();
-    let here = Place::new(*dot, words);
+    let here = NumberPlace::new(*dot, words);
     let mut found = Vec::new();
     for step in STEPS_MM {
         for i in 0..DIRECTIONS {
@@ -412,7 +437,7 @@ fn places(
             let towards = cos * here.right + sin * here.up;
             let extent = words.half_width * cos.abs() + words.half_height * sin.abs();
             let angle = (hole + CLEAR_MM + step + extent) / radius;
-            let place = Place::new(angle.cos() * dot + angle.sin() * towards, words);
+            let place = NumberPlace::new(angle.cos() * dot + angle.sin() * towards, words);
             let own = (place.center - dot).norm();
             let clear = place.is_clear(around, config, joint)
                 && around
@@ -428,7 +453,7 @@ fn places(
 }
 
 /// The prism over `words` in `place`, from below the engraving's bottom to above the shell.
-fn tool(place: &Place, words: &Words, config: &StencilConfig) -> Result<Mesh> {
+fn tool(place: &NumberPlace, words: &Words, config: &StencilConfig) -> Result<Mesh> {
     let radius = config.outer_radius_mm();
     let floor = config.engraving_radius_mm();
     let reach = words.half_width.hypot(words.half_height).min(0.9 * floor);

@@ -47,6 +47,7 @@ mod joint;
 mod layout;
 mod marks;
 mod mesh;
+mod obstacles;
 mod parts;
 mod pin;
 mod seam;

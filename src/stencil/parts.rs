@@ -10,9 +10,10 @@ use crate::error::Result;
 use crate::geometry::Vec3;
 
 use super::joint::Joint;
-use super::layout::{Cut, arm_outline};
+use super::layout::Cut;
 use super::marks::floor;
 use super::mesh::Mesh;
+use super::obstacles::arm_outline;
 use super::segments::Cuts;
 use super::solid::Solid;
 use super::{HalfName, StencilConfig, shapes};

@@ -65,6 +65,38 @@ struct Opening {
     radii: [(f64, f64); 3],
 }
 
+/// All cuts through one axis.
+struct Surveyed {
+    /// Without any cut.
+    cuts: Cuts,
+    along: Vec<Vec3>,
+    /// The clearance of each, mm.
+    clear: Vec<f64>,
+}
+
+impl Surveyed {
+    /// The cuts with this clearance whose widest gap is as narrow as possible, with its width in azimuths.
+    fn even(
+        &self,
+        least_mm: f64,
+        name: HalfName,
+        config: &StencilConfig,
+        joint: &Joint,
+    ) -> Option<(usize, Cuts)> {
+        let is_free = |k: &usize| {
+            let is_off = |m| self.cuts.is_off_joint(m, name, config, joint);
+            self.clear[*k] >= least_mm && is_off(&self.along[*k])
+        };
+        let free: Vec<usize> = (0..AZIMUTHS).filter(is_free).collect();
+        let (width, chosen) = even(&free, config.segments)?;
+        let cuts = Cuts {
+            along: chosen.into_iter().map(|k| self.along[k]).collect(),
+            ..self.cuts.clone()
+        };
+        Some((width, cuts))
+    }
+}
+
 impl Cuts {
     /// The cuts of a half into [`StencilConfig::segments`] pieces; `None` where it stays whole.
     ///
@@ -87,57 +119,22 @@ impl Cuts {
             edge_mm: outer + REACH * config.screw_diameter_mm,
             foot_mm: joint.arm_mm,
         };
-        let openings = template.openings(layout, name, config);
-        let mut found = Vec::new();
-        for axis in spiral_directions(AXES).filter(|d| d.z > MAX_TILT_DEG.to_radians().cos()) {
-            let [u, v] = tangent_frame(&axis);
-            let along: Vec<Vec3> = (0..AZIMUTHS)
-                .map(|k| (TAU * k as f64 / AZIMUTHS as f64).sin_cos())
-                .map(|(sin, cos)| cos * u + sin * v)
-                .collect();
-            let of_axis = Self {
-                axis,
-                ..template.clone()
-            };
-            let clear: Vec<f64> = along
-                .iter()
-                .map(|m| of_axis.clearance(m, &openings))
-                .collect();
-            found.push((of_axis, along, clear));
-        }
-        let mut widest = f64::NEG_INFINITY;
+        let found = template.surveyed(&template.openings(layout, name, config));
         for spare in SPARE {
             let least = spare * config.min_web_mm;
-            let mut best: Option<(usize, Self)> = None;
-            for (cuts, along, clear) in &found {
-                let is_free = |k: &usize| {
-                    clear[*k] >= least && cuts.is_off_joint(&along[*k], name, config, joint)
-                };
-                let free: Vec<usize> = (0..AZIMUTHS).filter(is_free).collect();
-                let Some((width, chosen)) = even(&free, config.segments) else {
-                    continue;
-                };
-                if best
-                    .as_ref()
-                    .is_none_or(|(narrowest, _)| width < *narrowest)
-                {
-                    let along = chosen.into_iter().map(|k| along[k]).collect();
-                    best = Some((
-                        width,
-                        Self {
-                            along,
-                            ..cuts.clone()
-                        },
-                    ));
-                }
-            }
-            if let Some((_, cuts)) = best {
+            let of_axis = |axis: &Surveyed| axis.even(least, name, config, joint);
+            // The narrowest; of equals the first.
+            let narrowest = |best: (usize, Self), next: (usize, Self)| match next.0 < best.0 {
+                true => next,
+                false => best,
+            };
+            if let Some((_, cuts)) = found.iter().filter_map(of_axis).reduce(narrowest) {
                 cuts.require_screws(config)?;
                 return Ok(Some(cuts));
             }
-            let clearest = found.iter().flat_map(|(_, _, clear)| clear);
-            widest = clearest.fold(widest, |a, b| a.max(*b));
         }
+        let clearest = found.iter().flat_map(|axis| &axis.clear);
+        let widest = clearest.fold(f64::NEG_INFINITY, |a, b| a.max(*b));
         Err(Error::argument(
             "segments",
             format!(
@@ -146,6 +143,24 @@ impl Cuts {
                 config.segments, config.min_web_mm
             ),
         ))
+    }
+
+    /// The clearances of all cuts through each of a cap of axes.
+    fn surveyed(&self, openings: &[Opening]) -> Vec<Surveyed> {
+        let axes = spiral_directions(AXES).filter(|d| d.z > MAX_TILT_DEG.to_radians().cos());
+        let survey = |axis: Vec3| {
+            let [u, v] = tangent_frame(&axis);
+            let angles = (0..AZIMUTHS).map(|k| TAU * k as f64 / AZIMUTHS as f64);
+            let along = angles.map(f64::sin_cos).map(|(sin, cos)| cos * u + sin * v);
+            let along: Vec<Vec3> = along.collect();
+            let cuts = Self {
+                axis,
+                ..self.clone()
+            };
+            let clear = along.iter().map(|m| cuts.clearance(m, openings)).collect();
+            Surveyed { cuts, along, clear }
+        };
+        axes.map(survey).collect()
     }
 
     /// The holes and windows of the half.

@@ -168,7 +168,7 @@ pub fn loft(sections: &[Vec<Vec3>]) -> Mesh {
 /// The convex hull of points in the plane, counter-clockwise (A. M. Andrew's monotone chain, 1979).
 pub fn convex_hull(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let mut sorted = points.to_vec();
-    sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     let turns_right = |hull: &[(f64, f64)], c: &(f64, f64)| match hull {
         [.., a, b] => (b.0 - a.0) * (c.1 - a.1) - (b.1 - a.1) * (c.0 - a.0) <= 0.0,
         _ => false,

@@ -53,7 +53,7 @@ pub(crate) fn step(
     laid: &mut [Option<Laid>],
 ) -> Option<Vector4<f64>> {
     let rows = rows(grid, surface, clip, asked, laid);
-    let mut equations = Equations::new(asked.len());
+    let mut equations = BundleEquations::new(asked.len());
     for rows in rows.chunk_by(|a, b| a.place == b.place) {
         let turn = Vec3::from(surface.turns[rows[0].place as usize].map(f64::from));
         match paint {
@@ -125,13 +125,13 @@ fn rows(
 }
 
 /// The normal equations: three unknowns a frame, then what the views share.
-struct Equations {
+struct BundleEquations {
     matrix: DMatrix<f64>,
     vector: DVector<f64>,
     frames: usize,
 }
 
-impl Equations {
+impl BundleEquations {
     fn new(frames: usize) -> Self {
         let size = 3 * frames + 4;
         Self {

@@ -147,7 +147,7 @@ impl SurfaceMap {
     fn threshold(&self) -> Option<f32> {
         let known = self.values.iter().zip(&self.weights);
         let mut values: Vec<f32> = known.filter(|(_, w)| **w > 0.0).map(|(v, _)| *v).collect();
-        values.sort_by(f32::total_cmp);
+        values.sort_unstable_by(f32::total_cmp);
         let total: f64 = values.iter().map(|v| f64::from(*v)).sum();
         let (mut below, mut best) = (0.0, None);
         let mut most = 0.0;

@@ -61,7 +61,7 @@ pub fn contrasts(frame: &PaintedFrame, view: &BallView, dots: &[ExpectedDot]) ->
         let evenly = |i: usize| WITHIN * ((i as f64 + 0.5) / within as f64).sqrt();
         let dark = (0..within).map(|i| read(evenly(i), i)).sum::<f64>() / within as f64;
         let mut around: Vec<f64> = (0..about).map(|i| read(ABOUT, i)).collect();
-        around.sort_by(f64::total_cmp);
+        around.sort_unstable_by(f64::total_cmp);
         let bare = quantile(&around, BARE).max(DARKEST);
         (bare - dark) / bare
     };
@@ -86,7 +86,7 @@ pub fn find_dots(
     let mut caps = CapFitter::default();
     // What the dots that face the camera say of blur and tone curve, those near the rim need most.
     let mut order: Vec<usize> = (0..dots.len()).collect();
-    order.sort_by(|a, b| dots[*b].direction.z.total_cmp(&dots[*a].direction.z));
+    order.sort_unstable_by(|a, b| dots[*b].direction.z.total_cmp(&dots[*a].direction.z));
     let mut shape = None;
     for i in order {
         let dot = &dots[i];

@@ -8,7 +8,6 @@
 use nalgebra::Quaternion;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::config::{SynthConfig, SynthKind};
@@ -18,6 +17,7 @@ use super::scene::Scene;
 use super::sensor::Sensor;
 use super::several::{BallImage, ImageOf, StrobeConfig};
 use super::view::Ellipse;
+use crate::concurrency;
 use crate::error::{Error, Result, require};
 use crate::geometry::{Rotation, Vec3, to_wxyz};
 use crate::image::RgbImage;
@@ -272,10 +272,9 @@ pub fn frames(
     seed: u64,
     count: usize,
 ) -> Result<Vec<Frame>> {
-    (0..count)
-        .into_par_iter()
-        .map(|k| independent_frame(pattern, config, seed, k))
-        .collect()
+    let frame = |k: u64| independent_frame(pattern, config, seed, k as usize);
+    let frames = concurrency::map_range(0..count as u64, frame);
+    frames.into_iter().collect()
 }
 
 /// One ball in a row of frames: it turns at a constant spin and moves at a constant speed across
@@ -290,6 +289,27 @@ pub struct Sequence {
     pub(super) drift_px: [f64; 2],
     /// Further balls as they are in the middle of the sequence, each with its displacement.
     pub(super) fellows: Vec<(BallImage, [f64; 2])>,
+}
+
+fn require_within_frame(name: &'static str, seconds: f64, fps: f64) -> Result<()> {
+    let expected = format!("0 to {} s, the time between two frames", 1.0 / fps);
+    let inside = (0.0..=1.0 / fps).contains(&seconds);
+    require(inside, name, &expected, seconds)
+}
+
+impl Scene {
+    /// Lets the ball turn like this. The arc that was drawn stays: an exposure fit for a slow ball would smear a fast one beyond recognition.
+    fn spin_as(&mut self, spin: [f64; 3]) -> Result<()> {
+        if spin.iter().any(|w| !w.is_finite()) {
+            return Err(Error::argument("spin", "expected three finite numbers"));
+        }
+        let arc = self.spin.norm() * self.exposure_s;
+        self.spin = Vec3::from(spin);
+        if arc > 0.0 && self.spin.norm() > 0.0 {
+            self.exposure_s = arc / self.spin.norm();
+        }
+        Ok(())
+    }
 }
 
 impl Sequence {
@@ -318,22 +338,11 @@ impl Sequence {
         let mut rng = frame_rng(seed, 0);
         let mut first = Scene::random(pattern, config, &mut rng)?;
         if let Some(spin) = spin {
-            if spin.iter().any(|w| !w.is_finite()) {
-                return Err(Error::argument("spin", "expected three finite numbers"));
-            }
-            // The arc that was drawn stays: an exposure fit for a slow ball would smear a fast one
-            // beyond recognition.
-            let arc = first.spin.norm() * first.exposure_s;
-            first.spin = Vec3::from(spin);
-            if arc > 0.0 && first.spin.norm() > 0.0 {
-                first.exposure_s = arc / first.spin.norm();
-            }
+            first.spin_as(spin)?;
         }
         first.exposure_s = first.exposure_s.min(1.0 / fps);
         if let Some(exposure_s) = exposure_s {
-            let expected = format!("0 to {} s, the time between two frames", 1.0 / fps);
-            let inside = (0.0..=1.0 / fps).contains(&exposure_s);
-            require(inside, "exposure_s", &expected, exposure_s)?;
+            require_within_frame("exposure_s", exposure_s, fps)?;
             first.exposure_s = exposure_s;
         }
         let drift = MAX_DRIFT * first.circle.radius;
@@ -347,9 +356,7 @@ impl Sequence {
         // What moves between frames moves during the exposure, too, and nothing else does.
         first.shift_px = drift_px.map(|d| d * speed * first.exposure_s);
         first.velocity_px_s = drift_px.map(|d| d * speed);
-        let expected = format!("0 to {} s, the time between two frames", 1.0 / fps);
-        let inside = (0.0..=1.0 / fps).contains(&readout_s);
-        require(inside, "readout_s", &expected, readout_s)?;
+        require_within_frame("readout_s", readout_s, fps)?;
         first.row_s = readout_s / (first.size[1] as f64 - 1.0);
         let pace = first.row_s * first.velocity_px_s[1].abs();
         let expected = format!("at most {MAX_PACE} of the rolling shutter's speed");

@@ -58,18 +58,10 @@ impl Sequence {
         let mut path = |ball, radius| crossing.path(ball, radius, &mut rng);
         let (center, drift) = path(0, radius);
         sequence.drift_px = drift;
+        let speed = clip.fps / count.max(2) as f64;
         let own = &mut sequence.first;
         own.circle.center = center;
-        let speed = clip.fps / count.max(2) as f64;
-        own.velocity_px_s = drift.map(|d| d * speed);
-        own.shift_px = own.velocity_px_s.map(|v| v * own.exposure_s);
-        own.occluder = None;
-        own.background.origin = axis;
-        if !matches!(own.camera, Camera::Orthographic) {
-            let distance = View::new(&own.camera, own.circle)?.distance();
-            let on_axis = BallCircle::new(axis, radius);
-            own.camera = pinhole(&on_axis, distance.unwrap_or(20.0), 0.0, 0.0);
-        }
+        own.fly(drift.map(|d| d * speed), axis)?;
         let exposure_s = own.exposure_s;
         for (ball, pattern) in patterns.iter().enumerate().skip(1) {
             let other =
@@ -88,6 +80,22 @@ impl Sequence {
             sequence.fellows.push((image, drift));
         }
         Ok(sequence)
+    }
+}
+
+impl Scene {
+    /// Lets the ball move, pixels/s, before a camera whose axis is at this place.
+    fn fly(&mut self, velocity_px_s: [f64; 2], axis: Pixel) -> Result<()> {
+        self.velocity_px_s = velocity_px_s;
+        self.shift_px = velocity_px_s.map(|v| v * self.exposure_s);
+        self.occluder = None;
+        self.background.origin = axis;
+        if !matches!(self.camera, Camera::Orthographic) {
+            let distance = View::new(&self.camera, self.circle)?.distance();
+            let on_axis = BallCircle::new(axis, self.circle.radius);
+            self.camera = pinhole(&on_axis, distance.unwrap_or(20.0), 0.0, 0.0);
+        }
+        Ok(())
     }
 }
 

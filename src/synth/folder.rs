@@ -21,12 +21,12 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::config::SynthConfig;
 use super::dataset::{ClipConfig, Frame, FrameTruth};
 use super::several::StrobeConfig;
+use crate::concurrency;
 use crate::error::{Result, require};
 use crate::files;
 use crate::image::RgbImage;
@@ -115,18 +115,17 @@ pub fn write(
     let mut frames = Vec::with_capacity(count);
     let mut shown = Vec::new();
     for start in (0..count).step_by(CHUNK) {
-        let chunk: Vec<Frame> = (start..count.min(start + CHUNK))
-            .into_par_iter()
-            .map(|k| {
-                let frame = draw(k)?;
-                frame.image.write_png(&images.join(&frame.truth.image))?;
-                if masks == Masks::Write {
-                    mask_image(&frame)?.write_png(&mask_dir.join(&frame.truth.image))?;
-                }
-                Ok(frame)
-            })
-            .collect::<Result<_>>()?;
+        let chunk = start as u64..count.min(start + CHUNK) as u64;
+        let chunk = concurrency::map_range(chunk, |k| -> Result<Frame> {
+            let frame = draw(k as usize)?;
+            frame.image.write_png(&images.join(&frame.truth.image))?;
+            if masks == Masks::Write {
+                mask_image(&frame)?.write_png(&mask_dir.join(&frame.truth.image))?;
+            }
+            Ok(frame)
+        });
         for frame in chunk {
+            let frame = frame?;
             if shown.len() < SHOWN {
                 shown.push(frame.image);
             }

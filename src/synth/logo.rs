@@ -14,7 +14,7 @@ const RASTER: usize = 64;
 
 /// A shape in the logo's plane; lengths relative to the logo's radius.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Shape {
+enum LogoShape {
     Stroke {
         from: [f32; 2],
         to: [f32; 2],
@@ -38,7 +38,7 @@ enum Shape {
     },
 }
 
-impl Shape {
+impl LogoShape {
     /// Signed distance of a point, negative inside.
     fn distance(&self, p: [f32; 2]) -> f32 {
         match *self {
@@ -160,7 +160,7 @@ impl Logo {
                 text(&mut shapes, [0.0, -0.35], rng.random_range(0.4..0.9), rng);
             }
             LogoKind::Badge => {
-                shapes.push(Shape::Bar {
+                shapes.push(LogoShape::Bar {
                     middle: [0.0, 0.0],
                     half: [rng.random_range(0.3..0.85), rng.random_range(0.12..0.45)],
                     angle: 0.0,
@@ -172,7 +172,7 @@ impl Logo {
             LogoKind::Wheel => wheel(&mut shapes, rng),
             LogoKind::Blobs => {
                 for _ in 0..rng.random_range(1..=4) {
-                    shapes.push(Shape::Disc {
+                    shapes.push(LogoShape::Disc {
                         middle: [rng.random_range(-0.7..0.7), rng.random_range(-0.7..0.7)],
                         radius: rng.random_range(0.12..0.3),
                     });
@@ -205,7 +205,7 @@ impl Logo {
     }
 }
 
-fn rasterize(shapes: &[Shape], softness: f32) -> Vec<f32> {
+fn rasterize(shapes: &[LogoShape], softness: f32) -> Vec<f32> {
     let scale = 2.0 / (RASTER - 1) as f32;
     (0..RASTER * RASTER)
         .map(|k| {
@@ -223,7 +223,12 @@ fn rasterize(shapes: &[Shape], softness: f32) -> Vec<f32> {
 }
 
 /// A word: letters of two to four strokes each.
-fn text<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, middle: [f32; 2], half_length: f32, rng: &mut R) {
+fn text<R: Rng + ?Sized>(
+    shapes: &mut Vec<LogoShape>,
+    middle: [f32; 2],
+    half_length: f32,
+    rng: &mut R,
+) {
     let letters = rng.random_range(3..=8);
     let pitch = 2.0 * half_length / letters as f32;
     let height = pitch * rng.random_range(0.7..1.6);
@@ -239,7 +244,7 @@ fn text<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, middle: [f32; 2], half_length:
                 )
             };
             if rng.random_bool(0.25) {
-                shapes.push(Shape::Arc {
+                shapes.push(LogoShape::Arc {
                     middle: corner(0.5, 0.5),
                     radius: 0.36 * pitch,
                     start: rng.random_range(0.0..TAU),
@@ -248,7 +253,7 @@ fn text<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, middle: [f32; 2], half_length:
                 });
             } else {
                 let (from, to) = (grid(rng), grid(rng));
-                shapes.push(Shape::Stroke {
+                shapes.push(LogoShape::Stroke {
                     from,
                     to,
                     half_width,
@@ -258,10 +263,10 @@ fn text<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, middle: [f32; 2], half_length:
     }
 }
 
-fn arcs<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
+fn arcs<R: Rng + ?Sized>(shapes: &mut Vec<LogoShape>, rng: &mut R) {
     let start = rng.random_range(0.0..TAU);
     for _ in 0..rng.random_range(1..=3) {
-        shapes.push(Shape::Arc {
+        shapes.push(LogoShape::Arc {
             middle: [rng.random_range(-0.2..0.2), rng.random_range(-0.2..0.2)],
             radius: rng.random_range(0.3..0.85),
             start: start + rng.random_range(-0.4..0.4),
@@ -270,15 +275,15 @@ fn arcs<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
         });
     }
     for _ in 0..rng.random_range(0..=3) {
-        shapes.push(Shape::Disc {
+        shapes.push(LogoShape::Disc {
             middle: [rng.random_range(-0.7..0.7), rng.random_range(-0.7..0.7)],
             radius: rng.random_range(0.08..0.2),
         });
     }
 }
 
-fn ring<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
-    shapes.push(Shape::Arc {
+fn ring<R: Rng + ?Sized>(shapes: &mut Vec<LogoShape>, rng: &mut R) {
+    shapes.push(LogoShape::Arc {
         middle: [0.0, 0.0],
         radius: rng.random_range(0.5..0.9),
         start: rng.random_range(0.0..TAU),
@@ -292,7 +297,7 @@ fn ring<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
     if rng.random_bool(0.6) {
         text(shapes, [0.0, 0.0], 0.5, rng);
     } else {
-        shapes.push(Shape::Disc {
+        shapes.push(LogoShape::Disc {
             middle: [0.0, 0.0],
             radius: rng.random_range(0.1..0.35),
         });
@@ -300,14 +305,14 @@ fn ring<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
 }
 
 /// Each star is five strokes from its middle.
-fn stars<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
+fn stars<R: Rng + ?Sized>(shapes: &mut Vec<LogoShape>, rng: &mut R) {
     let count = rng.random_range(1..=3);
     let size = rng.random_range(0.14..0.28);
     for i in 0..count {
         let x = (i as f32 - 0.5 * (count - 1) as f32) * 2.2 * size;
         for k in 0..5 {
             let angle = PI * (0.5 + 0.4 * k as f32);
-            shapes.push(Shape::Stroke {
+            shapes.push(LogoShape::Stroke {
                 from: [x, 0.25],
                 to: [x + size * angle.cos(), 0.25 + size * angle.sin()],
                 half_width: 0.25 * size,
@@ -317,9 +322,9 @@ fn stars<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
 }
 
 /// The azimuthal equidistant plane is a disc of radius 1, which the rim fills to its edge.
-fn wheel<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
+fn wheel<R: Rng + ?Sized>(shapes: &mut Vec<LogoShape>, rng: &mut R) {
     let rim = rng.random_range(0.04..0.14);
-    shapes.push(Shape::Arc {
+    shapes.push(LogoShape::Arc {
         middle: [0.0, 0.0],
         radius: 0.85 - rim,
         start: 0.0,
@@ -327,7 +332,7 @@ fn wheel<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
         half_width: rim,
     });
     let hub = rng.random_range(0.05..0.2);
-    shapes.push(Shape::Disc {
+    shapes.push(LogoShape::Disc {
         middle: [0.0, 0.0],
         radius: hub,
     });
@@ -336,13 +341,13 @@ fn wheel<R: Rng + ?Sized>(shapes: &mut Vec<Shape>, rng: &mut R) {
     let has_bolts = rng.random_bool(0.5);
     for k in 0..spokes {
         let (s, c) = (TAU * k as f32 / spokes as f32).sin_cos();
-        shapes.push(Shape::Stroke {
+        shapes.push(LogoShape::Stroke {
             from: [0.0, 0.0],
             to: [0.8 * c, 0.8 * s],
             half_width,
         });
         if has_bolts {
-            shapes.push(Shape::Disc {
+            shapes.push(LogoShape::Disc {
                 middle: [1.6 * hub * c, 1.6 * hub * s],
                 radius: 0.3 * hub,
             });

@@ -36,7 +36,7 @@ pub struct Occluder {
     pub kind: OccluderKind,
     /// Its color, linear light.
     pub color: Color,
-    shapes: Vec<Shape>,
+    shapes: Vec<OccluderShape>,
     shadow: Option<OccluderShadow>,
 }
 
@@ -49,7 +49,7 @@ struct OccluderShadow {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Shape {
+enum OccluderShape {
     Capsule {
         from: [f32; 2],
         to: [f32; 2],
@@ -68,7 +68,7 @@ enum Shape {
     },
 }
 
-impl Shape {
+impl OccluderShape {
     /// Signed distance, negative inside.
     fn distance(&self, [x, y]: [f32; 2]) -> f32 {
         match *self {
@@ -102,6 +102,77 @@ impl Shape {
     }
 }
 
+/// A finger that reaches in to `tip`; `place` leads from along and across it to the ball's frame.
+fn finger<R: Rng + ?Sized>(
+    tip: f32,
+    place: impl Fn(f32, f32) -> [f32; 2],
+    rng: &mut R,
+) -> Vec<OccluderShape> {
+    let half_width = rng.random_range(0.2..0.5);
+    let across = rng.random_range(-0.7..0.7);
+    vec![OccluderShape::Capsule {
+        from: place(tip + half_width, across),
+        to: place(6.0, across + rng.random_range(-2.0..2.0)),
+        half_width,
+    }]
+}
+
+/// Two to four fingers side by side.
+fn hand<R: Rng + ?Sized>(
+    tip: f32,
+    place: impl Fn(f32, f32) -> [f32; 2],
+    rng: &mut R,
+) -> Vec<OccluderShape> {
+    let half_width = rng.random_range(0.18..0.35f32);
+    let middle = rng.random_range(-0.5..0.5f32);
+    let fingers = rng.random_range(2..=4);
+    let finger = |k| {
+        let off = k as f32 - 0.5 * (fingers - 1) as f32;
+        let across = middle + 2.15 * half_width * off;
+        let short = rng.random_range(0.0..0.5f32);
+        OccluderShape::Capsule {
+            from: place(tip + half_width + short, across),
+            to: place(5.0, 1.2 * across),
+            half_width,
+        }
+    };
+    (0..fingers).map(finger).collect()
+}
+
+/// A bat's edge.
+fn bat<R: Rng + ?Sized>(
+    tip: f32,
+    place: impl Fn(f32, f32) -> [f32; 2],
+    rng: &mut R,
+) -> (OccluderKind, [f32; 3], Vec<OccluderShape>) {
+    let radius = rng.random_range(1.5..5.0);
+    let shape = OccluderShape::Disc {
+        middle: place(tip + radius, rng.random_range(-0.4..0.4)),
+        radius,
+    };
+    let base = match rng.random_range(0..3) {
+        0 => [0.5, 0.03, 0.03],
+        1 => [0.02, 0.02, 0.02],
+        _ => [0.5, 0.3, 0.12],
+    };
+    (OccluderKind::Bat, near(base, 0.3, rng), vec![shape])
+}
+
+/// A net with its tape.
+fn net<R: Rng + ?Sized>(rng: &mut R) -> (OccluderKind, [f32; 3], Vec<OccluderShape>) {
+    let (s, c) = rng.random_range(-0.4..0.4f32).sin_cos();
+    let spacing = rng.random_range(0.25..0.7);
+    let start = rng.random_range(-1.5..1.0);
+    let shape = OccluderShape::Net {
+        along: [c, s],
+        spacing,
+        half_width: spacing * rng.random_range(0.03..0.1),
+        tape: [start, start + rng.random_range(0.0..0.35)],
+    };
+    let base = [rng.random_range(0.02..0.7f32); 3];
+    (OccluderKind::Net, near(base, 0.15, rng), vec![shape])
+}
+
 impl Occluder {
     /// A random one.
     pub(super) fn random<R: Rng + ?Sized>(config: &SynthConfig, rng: &mut R) -> Self {
@@ -113,60 +184,10 @@ impl Occluder {
         let skin = skin(rng);
         let brightness = rng.random_range(0.3..1.1f32);
         let (kind, color, shapes) = match rng.random_range(0..4) {
-            0 => {
-                let half_width = rng.random_range(0.2..0.5);
-                let across = rng.random_range(-0.7..0.7);
-                let shape = Shape::Capsule {
-                    from: place(tip + half_width, across),
-                    to: place(6.0, across + rng.random_range(-2.0..2.0)),
-                    half_width,
-                };
-                (OccluderKind::Finger, skin, vec![shape])
-            }
-            1 => {
-                let half_width = rng.random_range(0.18..0.35f32);
-                let middle = rng.random_range(-0.5..0.5f32);
-                let fingers = rng.random_range(2..=4);
-                let shapes = (0..fingers)
-                    .map(|k| {
-                        let off = k as f32 - 0.5 * (fingers - 1) as f32;
-                        let across = middle + 2.15 * half_width * off;
-                        let short = rng.random_range(0.0..0.5f32);
-                        Shape::Capsule {
-                            from: place(tip + half_width + short, across),
-                            to: place(5.0, 1.2 * across),
-                            half_width,
-                        }
-                    })
-                    .collect();
-                (OccluderKind::Hand, skin, shapes)
-            }
-            2 => {
-                let radius = rng.random_range(1.5..5.0);
-                let shape = Shape::Disc {
-                    middle: place(tip + radius, rng.random_range(-0.4..0.4)),
-                    radius,
-                };
-                let base = match rng.random_range(0..3) {
-                    0 => [0.5, 0.03, 0.03],
-                    1 => [0.02, 0.02, 0.02],
-                    _ => [0.5, 0.3, 0.12],
-                };
-                (OccluderKind::Bat, near(base, 0.3, rng), vec![shape])
-            }
-            _ => {
-                let (s, c) = rng.random_range(-0.4..0.4f32).sin_cos();
-                let spacing = rng.random_range(0.25..0.7);
-                let start = rng.random_range(-1.5..1.0);
-                let shape = Shape::Net {
-                    along: [c, s],
-                    spacing,
-                    half_width: spacing * rng.random_range(0.03..0.1),
-                    tape: [start, start + rng.random_range(0.0..0.35)],
-                };
-                let base = [rng.random_range(0.02..0.7f32); 3];
-                (OccluderKind::Net, near(base, 0.15, rng), vec![shape])
-            }
+            0 => (OccluderKind::Finger, skin, finger(tip, place, rng)),
+            1 => (OccluderKind::Hand, skin, hand(tip, place, rng)),
+            2 => bat(tip, place, rng),
+            _ => net(rng),
         };
         Self {
             kind,
@@ -185,7 +206,7 @@ impl Occluder {
         let shapes = if rng.random_bool(0.5) {
             let (s, c) = angle.sin_cos();
             let spacing = rng.random_range(0.25..1.5);
-            vec![Shape::Net {
+            vec![OccluderShape::Net {
                 along: [c, s],
                 spacing,
                 half_width: spacing * rng.random_range(0.02..0.1),
@@ -199,7 +220,7 @@ impl Occluder {
                     let (s, c) = (angle + spread * rng.random_range(-1.0..1.0f32)).sin_cos();
                     let across = rng.random_range(-1.0..1.0f32);
                     let place = |along: f32| [along * c - across * s, along * s + across * c];
-                    Shape::Capsule {
+                    OccluderShape::Capsule {
                         from: place(-20.0),
                         to: place(20.0),
                         half_width: 0.01 * 12f32.powf(rng.random::<f32>()),

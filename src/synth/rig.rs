@@ -60,6 +60,25 @@ struct RigView {
     delay_s: f64,
 }
 
+impl RigView {
+    /// What a camera sees of the ball of the first one's scene, whose center is here in ball radii; light and background are its own.
+    fn of(mut scene: Scene, first: &Scene, seeing: &Seeing, center: &Vec3) -> Self {
+        scene.surface = first.surface.clone();
+        scene.exposure_s = first.exposure_s;
+        scene.camera = Camera::Perspective(seeing.intrinsics);
+        scene.spin = seeing.from_rig.rotation * first.spin;
+        scene.circle = circle_of(&seeing.intrinsics, center);
+        scene.background.origin = scene.circle.center;
+        scene.background.radius_px = scene.circle.radius;
+        Self {
+            scene,
+            intrinsics: seeing.intrinsics,
+            from_rig: seeing.from_rig,
+            delay_s: seeing.delay_s,
+        }
+    }
+}
+
 impl RigSequence {
     /// A random ball on a random path that all cameras see, `count` times. [`SynthConfig::ball_px`] is its size for the first camera; by
     /// default it flies where the cameras' axes meet.
@@ -101,27 +120,15 @@ impl RigSequence {
         )?;
         let mut views = Vec::with_capacity(cameras.len());
         for (k, seeing) in cameras.iter().enumerate() {
-            let mut scene = match k {
+            let scene = match k {
                 0 => first.clone(),
                 _ => {
                     let rng = &mut frame_rng(seed, CAMERAS + k as u64);
                     Scene::random(pattern, &of_camera(k), rng)?
                 }
             };
-            scene.surface = first.surface.clone();
-            scene.exposure_s = first.exposure_s;
-            scene.camera = Camera::Perspective(seeing.intrinsics);
-            scene.spin = seeing.from_rig.rotation * first.spin;
             let center = seeing.from_rig.apply(&middle_m) / ball_radius_m;
-            scene.circle = circle_of(&seeing.intrinsics, &center);
-            scene.background.origin = scene.circle.center;
-            scene.background.radius_px = scene.circle.radius;
-            views.push(RigView {
-                scene,
-                intrinsics: seeing.intrinsics,
-                from_rig: seeing.from_rig,
-                delay_s: seeing.delay_s,
-            });
+            views.push(RigView::of(scene, &first, seeing, &center));
         }
         Ok(Self {
             views,

@@ -96,71 +96,36 @@ impl Scene {
         let streams = Streams::new(rng);
         let mut surface = Surface::random(pattern, config, streams);
         let place = &mut streams.of(Stream::Camera);
-        let Place { size, side, circle } = Place::random(config, place);
+        let BallPlace { size, side, circle } = BallPlace::random(config, place);
         let camera = random_camera(&circle, config, size, place);
         let motion = &mut streams.of(Stream::Pose);
-        let rotation = random_rotation(motion);
-        let (mut spin, exposure_s) = random_motion(config, motion);
-        let max = config.max_shift_px * side / 60.0;
-        let (s, c) = motion.random_range(0.0..TAU).sin_cos();
-        let displacement = max * motion.random::<f64>().powi(2);
+        let mut moved = Movement::random(config, side, motion);
         if config.kind == SynthKind::Wheel {
             // A wheel faces the camera and turns about its axle.
             let towards = View::new(&camera, circle)?.towards();
-            spin = towards * spin.norm();
+            moved.spin = towards * moved.spin.norm();
             for mark in &mut surface.marks {
-                mark.move_to(rotation.inverse() * towards);
+                mark.move_to(moved.rotation.inverse() * towards);
             }
         }
         let light = Light::random(config, &mut streams.of(Stream::Light));
         let brightest = light.brightest() * luma(surface.ball);
-        let reach = 0.5 * size[0].max(size[1]) as f64 / circle.radius;
-        let mut background = Background::random(
-            brightest,
-            reach as f32,
-            config,
-            &mut streams.of(Stream::Background),
-        );
-        let ground = &mut streams.of(Stream::Ground);
-        if ground.random_bool(config.ground_share) {
-            background.ground = Some(Ground::random(brightest, config, ground));
-        }
-        background.origin = circle.center;
-        background.radius_px = circle.radius;
-        let occlusion = &mut streams.of(Stream::Occlusion);
-        let is_hidden = occlusion.random_bool(config.occlusion_share);
-        let cords = &mut streams.of(Stream::Cords);
-        let occluder = if cords.random_bool(config.cords_share) {
-            Some(Occluder::cords(cords))
-        } else {
-            is_hidden.then(|| Occluder::random(config, occlusion))
-        };
-        let mut sensor = Sensor::random(
-            brightest,
-            side / 60.0,
-            config,
-            &mut streams.of(Stream::Sensor),
-        );
-        if config.infrared {
-            (sensor.has_color, sensor.has_mosaic) = (false, false);
-            (sensor.color_noise, sensor.encoding) = (0.0, Encoding::Linear);
-        }
         Ok(Self {
             kind: config.kind,
             size,
             surface,
             circle,
             camera,
-            rotation,
-            spin,
-            exposure_s,
-            shift_px: [displacement * c, displacement * s],
+            rotation: moved.rotation,
+            spin: moved.spin,
+            exposure_s: moved.exposure_s,
+            shift_px: moved.shift_px,
             row_s: 0.0,
             velocity_px_s: [0.0; 2],
             light,
-            background,
-            occluder,
-            sensor,
+            background: random_background(brightest, size, circle, config, streams),
+            occluder: random_occluder(config, streams),
+            sensor: random_sensor(brightest, side, config, streams),
             noise_seed: streams.of(Stream::Noise).random(),
             mirrored: config.mirrored,
             image: ImageOf::default(),
@@ -194,14 +159,14 @@ impl Scene {
 }
 
 /// Where the ball lies in the image.
-struct Place {
+struct BallPlace {
     size: [usize; 2],
     /// Side of the crop, which the image need not be.
     side: f64,
     circle: BallCircle,
 }
 
-impl Place {
+impl BallPlace {
     fn random<R: Rng + ?Sized>(config: &SynthConfig, rng: &mut R) -> Self {
         let fill = between(config.fill, rng);
         let side = match config.ball_px {
@@ -301,6 +266,71 @@ pub(super) fn pinhole(circle: &BallCircle, distance: f64, off_axis: f64, azimuth
         circle.center.u - off * c,
         circle.center.v - off * s,
     ))
+}
+
+/// How the ball lies and moves while it is exposed.
+struct Movement {
+    rotation: Rotation,
+    spin: Vec3,
+    exposure_s: f64,
+    shift_px: [f64; 2],
+}
+
+impl Movement {
+    fn random<R: Rng + ?Sized>(config: &SynthConfig, side: f64, rng: &mut R) -> Self {
+        let rotation = random_rotation(rng);
+        let (spin, exposure_s) = random_motion(config, rng);
+        let max = config.max_shift_px * side / 60.0;
+        let (s, c) = rng.random_range(0.0..TAU).sin_cos();
+        let displacement = max * rng.random::<f64>().powi(2);
+        Self {
+            rotation,
+            spin,
+            exposure_s,
+            shift_px: [displacement * c, displacement * s],
+        }
+    }
+}
+
+fn random_background(
+    brightest: f32,
+    size: [usize; 2],
+    circle: BallCircle,
+    config: &SynthConfig,
+    streams: Streams,
+) -> Background {
+    let reach = 0.5 * size[0].max(size[1]) as f64 / circle.radius;
+    let behind = &mut streams.of(Stream::Background);
+    let mut background = Background::random(brightest, reach as f32, config, behind);
+    let ground = &mut streams.of(Stream::Ground);
+    if ground.random_bool(config.ground_share) {
+        background.ground = Some(Ground::random(brightest, config, ground));
+    }
+    background.origin = circle.center;
+    background.radius_px = circle.radius;
+    background
+}
+
+/// Cords, or what else hides a part of the ball.
+fn random_occluder(config: &SynthConfig, streams: Streams) -> Option<Occluder> {
+    let occlusion = &mut streams.of(Stream::Occlusion);
+    let is_hidden = occlusion.random_bool(config.occlusion_share);
+    let cords = &mut streams.of(Stream::Cords);
+    if cords.random_bool(config.cords_share) {
+        Some(Occluder::cords(cords))
+    } else {
+        is_hidden.then(|| Occluder::random(config, occlusion))
+    }
+}
+
+fn random_sensor(brightest: f32, side: f64, config: &SynthConfig, streams: Streams) -> Sensor {
+    let noise = &mut streams.of(Stream::Sensor);
+    let mut sensor = Sensor::random(brightest, side / 60.0, config, noise);
+    if config.infrared {
+        (sensor.has_color, sensor.has_mosaic) = (false, false);
+        (sensor.color_noise, sensor.encoding) = (0.0, Encoding::Linear);
+    }
+    sensor
 }
 
 /// Spin and exposure such that the arc stays within its bound, short arcs as often as long ones.

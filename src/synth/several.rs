@@ -114,26 +114,19 @@ impl Scene {
         strobe.check()?;
         let mut scene = Self::random(pattern, config, rng)?;
         let times = &strobe.times_s;
-        let step = times.windows(2).map(|w| w[1] - w[0]);
-        let step_s = step.fold(f64::INFINITY, f64::min);
         let diameter = 2.0 * scene.circle.radius;
-        let speed = (1.0 - between(strobe.overlap, rng)) * diameter / step_s;
-        let right = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
-        let climb = MAX_CLIMB * rng.random_range(-0.3..1.0f64);
-        let velocity = [right * speed * climb.cos(), -speed * climb.sin()];
-        let growth = MAX_GROWTH * rng.random_range(-1.0..1.0);
-        let off = [0, 1].map(|_| 0.1 * diameter * rng.random_range(-1.0..1.0));
+        let flight = StrobedFlight::random(strobe, diameter, rng);
         let distance = log_between(config.camera_distance_radii, rng);
         let rifle = MAX_RIFLE * rng.random_range(-1.0..1.0);
         let golf = strobe.golf_spin.map(|spin| spin.map(|s| between(s, rng)));
         if let Some([back, side]) = golf {
             // Seen from the side: backspin about the flight's direction x up, sidespin clockwise from above.
+            let right = flight.velocity[0].signum();
             scene.spin = Vec3::new(right * rifle, -side, right * back);
         }
-        let span_s = times[times.len() - 1] - times[0];
-        let path = velocity.map(|v| v * span_s);
         scene.size = config.image_px.unwrap_or_else(|| {
-            path.map(|p| (p.abs() + (1.0 + 2.0 * MARGIN) * diameter).ceil() as usize)
+            let side = |p: f64| (p.abs() + (1.0 + 2.0 * MARGIN) * diameter).ceil() as usize;
+            flight.path().map(side)
         });
         let [width, height] = scene.size;
         require(
@@ -154,31 +147,68 @@ impl Scene {
         (scene.background.origin, scene.occluder) = (axis, None);
         (scene.exposure_s, scene.row_s) = (FLASH_S, 0.0);
         scene.sensor.gain *= HEADROOM;
-        let (spin, radius, first) = (scene.spin, scene.circle.radius, scene.rotation);
-        let shift_px = velocity.map(|v| v * FLASH_S);
-        let surface = scene.surface.clone();
-        let image = |(flash, time_s): (usize, &f64)| {
-            let late_s = time_s - times[0];
-            let share = late_s / span_s - 0.5;
-            let center = Pixel {
-                u: axis.u + off[0] + share * path[0],
-                v: axis.v + off[1] + share * path[1],
-            };
-            BallImage {
-                of: ImageOf { ball: 0, flash },
-                late_s,
-                surface: surface.clone(),
-                circle: BallCircle::new(center, radius * (1.0 + growth * share)),
-                rotation: Rotation::from_scaled_axis(spin * late_s) * first,
-                spin,
-                shift_px,
-            }
-        };
-        let mut images = times.iter().enumerate().map(image);
-        if let Some(own) = images.next() {
+        let images = times.iter().enumerate();
+        let mut images =
+            images.map(|(flash, time_s)| flight.image(&scene, flash, time_s - times[0]));
+        let own = images.next();
+        let others = images.collect();
+        if let Some(own) = own {
             (scene.circle, scene.shift_px) = (own.circle, own.shift_px);
         }
-        scene.others = images.collect();
+        scene.others = others;
         Ok(scene)
+    }
+}
+
+/// How a ball crosses the picture while flashes light it.
+struct StrobedFlight {
+    /// Pixels/s.
+    velocity: [f64; 2],
+    /// From the first flash to the last.
+    span_s: f64,
+    /// By how much its image grows meanwhile, as a share of its size.
+    growth: f64,
+    /// Of the path's middle from the picture's, pixels.
+    off: [f64; 2],
+}
+
+impl StrobedFlight {
+    fn random<R: Rng + ?Sized>(strobe: &StrobeConfig, diameter: f64, rng: &mut R) -> Self {
+        let times = &strobe.times_s;
+        let step = times.windows(2).map(|w| w[1] - w[0]);
+        let step_s = step.fold(f64::INFINITY, f64::min);
+        let speed = (1.0 - between(strobe.overlap, rng)) * diameter / step_s;
+        let right = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+        let climb = MAX_CLIMB * rng.random_range(-0.3..1.0f64);
+        Self {
+            velocity: [right * speed * climb.cos(), -speed * climb.sin()],
+            span_s: times[times.len() - 1] - times[0],
+            growth: MAX_GROWTH * rng.random_range(-1.0..1.0),
+            off: [0, 1].map(|_| 0.1 * diameter * rng.random_range(-1.0..1.0)),
+        }
+    }
+
+    fn path(&self) -> [f64; 2] {
+        self.velocity.map(|v| v * self.span_s)
+    }
+
+    /// The ball of a scene, about whose middle it flies, in the light of a flash so long after the first.
+    fn image(&self, scene: &Scene, flash: usize, late_s: f64) -> BallImage {
+        let share = late_s / self.span_s - 0.5;
+        let (axis, path) = (scene.background.origin, self.path());
+        let center = Pixel {
+            u: axis.u + self.off[0] + share * path[0],
+            v: axis.v + self.off[1] + share * path[1],
+        };
+        let radius = scene.circle.radius * (1.0 + self.growth * share);
+        BallImage {
+            of: ImageOf { ball: 0, flash },
+            late_s,
+            surface: scene.surface.clone(),
+            circle: BallCircle::new(center, radius),
+            rotation: Rotation::from_scaled_axis(scene.spin * late_s) * scene.rotation,
+            spin: scene.spin,
+            shift_px: self.velocity.map(|v| v * FLASH_S),
+        }
     }
 }

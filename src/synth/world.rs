@@ -1,9 +1,8 @@
 //! What the synthetic world renders, as one digest: numbers that follow from it say by which world they were derived.
 
-use rayon::prelude::*;
-
 use super::dataset::independent_frame;
 use super::{SynthConfig, SynthKind};
+use crate::concurrency;
 use crate::error::Result;
 use crate::geometry::spiral_directions;
 use crate::pattern::Pattern;
@@ -33,27 +32,26 @@ pub fn world_sha256() -> Result<String> {
             ..config.clone()
         }));
     }
-    let frames = 0..sets.len() * FRAMES;
-    let drawn: Vec<Vec<u8>> = frames
-        .into_par_iter()
-        .map(|k| {
-            let frame = independent_frame(&pattern, &sets[k / FRAMES], SEED, k % FRAMES)?;
-            let gray = frame.image.to_gray();
-            let (width, height) = (gray.width(), gray.height());
-            let mut bytes = Vec::new();
-            for size in [width, height, frame.truth.dots.len()] {
-                bytes.extend((size as u32).to_le_bytes());
-            }
-            for at in 0..SAMPLES * SAMPLES {
-                let place = |k: usize, side: usize| (2 * k + 1) * side / (2 * SAMPLES);
-                let (u, v) = (place(at % SAMPLES, width), place(at / SAMPLES, height));
-                let value = gray.values()[v * width + u];
-                bytes.push((value * LEVELS).round() as u8);
-            }
-            let visible = frame.truth.dots.iter().filter(|dot| dot.visible);
-            bytes.push(visible.count() as u8);
-            Ok(bytes)
-        })
-        .collect::<Result<_>>()?;
+    let frames = 0..(sets.len() * FRAMES) as u64;
+    let drawn = concurrency::map_range(frames, |k| -> Result<Vec<u8>> {
+        let k = k as usize;
+        let frame = independent_frame(&pattern, &sets[k / FRAMES], SEED, k % FRAMES)?;
+        let gray = frame.image.to_gray();
+        let (width, height) = (gray.width(), gray.height());
+        let mut bytes = Vec::new();
+        for size in [width, height, frame.truth.dots.len()] {
+            bytes.extend((size as u32).to_le_bytes());
+        }
+        for at in 0..SAMPLES * SAMPLES {
+            let place = |k: usize, side: usize| (2 * k + 1) * side / (2 * SAMPLES);
+            let (u, v) = (place(at % SAMPLES, width), place(at / SAMPLES, height));
+            let value = gray.values()[v * width + u];
+            bytes.push((value * LEVELS).round() as u8);
+        }
+        let visible = frame.truth.dots.iter().filter(|dot| dot.visible);
+        bytes.push(visible.count() as u8);
+        Ok(bytes)
+    });
+    let drawn: Vec<Vec<u8>> = drawn.into_iter().collect::<Result<_>>()?;
     Ok(crate::files::sha256_hex(&drawn.concat()))
 }

@@ -82,6 +82,24 @@ pub struct SensitivityPoint {
     pub result: NamedValidation,
 }
 
+impl SensitivityConfig {
+    /// Whether all points can be measured.
+    fn check(&self, ball: &Ball, protocol: &Protocol) -> Result<()> {
+        check_samples(self.samples)?;
+        for &sigma in &self.sigmas_deg {
+            protocol.with_sigma_rad(sigma.to_radians()).view().check()?;
+        }
+        for &alpha in &self.alphas {
+            PaperConfig {
+                alpha,
+                ..*ball.recognizer()
+            }
+            .check()?;
+        }
+        Ok(())
+    }
+}
+
 /// Sweeps noise and alpha; `each` receives every point as soon as it is measured. Setting `stop` ends it.
 ///
 /// # Errors
@@ -93,17 +111,7 @@ pub fn sensitivity(
     stop: Option<&AtomicBool>,
     each: &mut dyn FnMut(&SensitivityPoint) -> Result<()>,
 ) -> Result<Vec<SensitivityPoint>> {
-    check_samples(config.samples)?;
-    for &sigma in &config.sigmas_deg {
-        protocol.with_sigma_rad(sigma.to_radians()).view().check()?;
-    }
-    for &alpha in &config.alphas {
-        PaperConfig {
-            alpha,
-            ..*ball.recognizer()
-        }
-        .check()?;
-    }
+    config.check(ball, protocol)?;
     let at = |recognizer, protocol| ValidationConfig {
         recognizer,
         protocol,

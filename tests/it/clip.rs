@@ -26,7 +26,7 @@ impl BatchObserver for Counted {
         Ok(())
     }
 
-    fn progress(&self, _: &[BatchFrame<()>]) {
+    fn progress(&self, _: &[BatchFrame]) {
         self.0.fetch_add(1, Ordering::Relaxed);
     }
 }

@@ -32,7 +32,7 @@ impl Contrast {
         if values.is_empty() {
             return Self::default();
         }
-        values.sort_by(f64::total_cmp);
+        values.sort_unstable_by(f64::total_cmp);
         let least = SHOWS * quantile(&values, DARKEST);
         let shown = values.iter().filter(|v| **v >= least).count();
         Self {

@@ -21,7 +21,7 @@ impl DotMap<'_> {
             Some(expected) => {
                 let mut sorted: Vec<f64> = known().collect();
                 let kept = expected.saturating_sub(names.len() - sorted.len());
-                sorted.sort_by(|a, b| b.total_cmp(a));
+                sorted.sort_unstable_by(|a, b| b.total_cmp(a));
                 sorted.get(kept.max(1) - 1).copied().unwrap_or(0.0)
             }
         };

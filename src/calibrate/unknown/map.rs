@@ -297,7 +297,7 @@ impl<'a> DotMap<'a> {
         if errors.len() < MIN_TURNS {
             return;
         }
-        errors.sort_by(f64::total_cmp);
+        errors.sort_unstable_by(f64::total_cmp);
         let often = errors[errors.len() * 9 / 10];
         self.ahead_sigma_rad = often.clamp(AHEAD_SIGMAS_RAD[0], AHEAD_SIGMAS_RAD[1]);
     }

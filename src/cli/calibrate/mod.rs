@@ -110,18 +110,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let images = &arguments.images;
     images.settle_camera(&arguments.clip, arguments.raw)?;
     let config = arguments.config()?;
-    // Its pattern is not to stand beside another's stencil and search.
-    let of_design = [CHECKPOINT, "stencil"];
-    files::reject_taken(
-        &arguments.output,
-        &of_design,
-        "a design",
-        "choose another folder",
-    )?;
-    if !arguments.overwrite {
-        let advice = "choose another folder, or --overwrite it";
-        files::reject_taken(&arguments.output, &FILES, "a calibration", advice)?;
-    }
+    arguments.reject_taken()?;
     if arguments.samples > 0 {
         check_samples(arguments.samples)?;
     }
@@ -163,13 +152,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let gone: Vec<&str> = FILES.iter().chain(&marks::FILES).copied().collect();
     set.publish(&gone, "report.json")?;
     if clip.surface.is_some() && known == KnownDots::Nothing {
-        // Print that looks like a dot is one to every test.
-        errln!(
-            "note: {} taken for dots: compare them with the ball and with {}; where they differ name the dots \
-             (--overwrite --marks)",
-            counted(clip.ball.pattern().len(), "mark"),
-            arguments.output.join(marks::PICTURE).display()
-        );
+        arguments.note_marks(clip.ball.pattern().len());
     }
     if arguments.json {
         return crate::cli::print_json(&evaluated.report);
@@ -179,6 +162,28 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 impl Arguments {
+    /// Whether the output is free or may be replaced; its pattern is not to stand beside another's stencil and search.
+    fn reject_taken(&self) -> Result<()> {
+        let of_design = [CHECKPOINT, "stencil"];
+        let advice = "choose another folder";
+        files::reject_taken(&self.output, &of_design, "a design", advice)?;
+        if self.overwrite {
+            return Ok(());
+        }
+        let advice = "choose another folder, or --overwrite it";
+        files::reject_taken(&self.output, &FILES, "a calibration", advice)
+    }
+
+    /// Print that looks like a dot is one to every test.
+    fn note_marks(&self, dots: usize) {
+        errln!(
+            "note: {} taken for dots: compare them with the ball and with {}; where they differ name the dots \
+             (--overwrite --marks)",
+            counted(dots, "mark"),
+            self.output.join(marks::PICTURE).display()
+        );
+    }
+
     /// Whether the pattern is built from the clip.
     fn is_unknown(&self) -> bool {
         self.unknown || self.table.is_empty()

@@ -2,12 +2,11 @@
 
 use std::path::Path;
 
-use rayon::prelude::*;
-
 use super::painted::Seen;
 use super::video::VideoWriter;
 use super::{Picture, output};
 use crate::clip::{BatchFrame, TimeSource};
+use crate::concurrency;
 use crate::error::Result;
 use crate::files::Replacement;
 use crate::geometry::Vec3;
@@ -216,11 +215,10 @@ fn write_video(
     let mut video = writer.begin(size, fps)?;
     for begin in (0..count).step_by(VIDEO_CHUNK) {
         // A frame that cannot be read keeps its time in the video.
-        let one = |k: usize| plot::overlay_pixels(&frame(k), VIDEO_SIDE);
-        let chunk = begin..(begin + VIDEO_CHUNK).min(count);
-        let pixels: Result<Vec<_>> = chunk.into_par_iter().map(one).collect();
-        for frame in pixels? {
-            video.write(&frame.values)?;
+        let one = |k: u64| plot::overlay_pixels(&frame(k as usize), VIDEO_SIDE);
+        let chunk = begin as u64..(begin + VIDEO_CHUNK).min(count) as u64;
+        for frame in concurrency::map_range(chunk, one) {
+            video.write(&frame?.values)?;
         }
     }
     video.finish()
@@ -228,25 +226,26 @@ fn write_video(
 
 /// Draws all frames that have a picture, and the sheets.
 fn draw(dir: &Path, count: usize, frame: &(impl Fn(usize) -> OverlayFrame + Sync)) -> Result<()> {
-    let one = |k: usize| {
-        let drawn = frame(k);
+    let one = |k: u64| {
+        let drawn = frame(k as usize);
         if drawn.image.values().is_empty() {
             return Ok(None);
         }
-        plot::frame_overlay(&dir.join(file_name(k, &drawn.name)), &drawn)?;
+        plot::frame_overlay(&dir.join(file_name(k as usize, &drawn.name)), &drawn)?;
         Ok(Some(drawn))
     };
-    let drawn: Result<Vec<_>> = (0..count).into_par_iter().map(one).collect();
+    let drawn = concurrency::map_range(0..count as u64, one);
+    let drawn: Result<Vec<_>> = drawn.into_iter().collect();
     let frames: Vec<OverlayFrame> = drawn?.into_iter().flatten().collect();
-    let sheet = |(k, sheet): (usize, &[OverlayFrame])| {
+    let sheets: Vec<_> = frames.chunks(plot::SHEET_FRAMES).enumerate().collect();
+    let sheet = |(k, sheet): &(usize, &[OverlayFrame])| {
         let name = match k {
             0 => SHEET.to_owned(),
             k => format!("contact_sheet_{}.png", k + 1),
         };
         plot::contact_sheet(&dir.join(name), sheet)
     };
-    let sheets = frames.par_chunks(plot::SHEET_FRAMES).enumerate();
-    sheets.map(sheet).collect()
+    concurrency::map(&sheets, sheet).into_iter().collect()
 }
 
 /// A file name in the frames' order, for any characters in a frame's name.

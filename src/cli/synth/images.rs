@@ -216,6 +216,21 @@ impl Arguments {
         }))
     }
 
+    pub(super) fn written_masks(&self) -> Masks {
+        match self.masks {
+            true => Masks::Write,
+            false => Masks::Omit,
+        }
+    }
+
+    /// The number of frames, `usual` where none is given.
+    pub(super) fn frame_count(&self, usual: usize) -> Result<usize> {
+        let frames = self.frames.unwrap_or(usual);
+        let inside = (1..=MAX_FRAMES).contains(&frames);
+        require(inside, "frames", "1 to 1000000", frames)?;
+        Ok(frames)
+    }
+
     /// Begins the folder, where it is free or may be replaced.
     pub(super) fn begin(&self) -> Result<(PathBuf, Replacement)> {
         let folder = self.output.clone().unwrap_or_else(|| FOLDER.into());
@@ -240,11 +255,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let others = arguments.also.iter().map(|path| Ball::read(path));
     let others: Vec<Ball> = others.collect::<Result<_>>()?;
     let (pattern, seed) = (ball.pattern(), arguments.seed);
-    let frames = arguments
-        .frames
-        .unwrap_or(if arguments.is_clip() { 24 } else { 100 });
-    let inside = (1..=MAX_FRAMES).contains(&frames);
-    require(inside, "frames", "1 to 1000000", frames)?;
+    let usual = if arguments.is_clip() { 24 } else { 100 };
+    let frames = arguments.frame_count(usual)?;
     let sequence = clip.as_ref().map(|clip| match others.is_empty() {
         true => Sequence::random(pattern, &config, clip, seed, frames),
         false => {
@@ -271,12 +283,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         (None, Some(strobe)) => strobed_frame(pattern, &config, strobe, seed, k),
         (None, None) => independent_frame(pattern, &config, seed, k),
     };
-    let masks = if arguments.masks {
-        Masks::Write
-    } else {
-        Masks::Omit
-    };
     let shown = |done| counter.set(done as u64);
+    let masks = arguments.written_masks();
     let written = folder::write(set.path(), origin, frames, masks, draw, shown)?;
     counter.finish();
     let replaced = if arguments.overwrite {
@@ -285,7 +293,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
         &[]
     };
     set.publish(replaced, "index.csv")?;
-    let made = Made {
+    let made = MadeClip {
         folder,
         written,
         spin: sequence.map(|s| s.spin()),
@@ -307,7 +315,7 @@ fn write_balls(folder: &Path, ball: &Ball, others: &[Ball]) -> Result<()> {
 }
 
 /// A folder that was written.
-struct Made {
+struct MadeClip {
     folder: PathBuf,
     written: Written,
     spin: Option<Vec3>,
@@ -315,7 +323,7 @@ struct Made {
     seconds: f64,
 }
 
-impl Made {
+impl MadeClip {
     fn summarize(&self, arguments: &Arguments) -> Result<()> {
         let Self {
             folder,

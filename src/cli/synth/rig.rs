@@ -6,12 +6,11 @@ use std::time::Instant;
 use serde_json::json;
 
 use super::Arguments;
-use super::images::MAX_FRAMES;
 use crate::cli::output::Counter;
 use crate::error::{Result, require};
 use crate::files;
 use crate::geometry::Vec3;
-use crate::synth::folder::{self, Masks, Origin};
+use crate::synth::folder::{self, Origin};
 use crate::synth::rig::{RigSequence, to_yaml};
 use crate::vision::Rig;
 
@@ -26,9 +25,7 @@ pub(super) fn run(arguments: &Arguments, path: &Path) -> Result<()> {
     let ball = arguments.ball()?;
     let config = arguments.synth_config(&ball)?;
     let clip = arguments.clip_config(&config)?.unwrap_or_default();
-    let frames = arguments.frames.unwrap_or(FRAMES);
-    let inside = (1..=MAX_FRAMES).contains(&frames);
-    require(inside, "frames", "1 to 1000000", frames)?;
+    let frames = arguments.frame_count(FRAMES)?;
     let [diameter_mm, _] = ball.sizes_mm(None, None);
     let pattern = ball.pattern();
     let sequence = RigSequence::random(
@@ -44,11 +41,7 @@ pub(super) fn run(arguments: &Arguments, path: &Path) -> Result<()> {
     let (output, set) = arguments.begin()?;
     let clock = Instant::now();
     let counter = Counter::new((frames * rig.cameras().len()) as u64, "frames");
-    let masks = if arguments.masks {
-        Masks::Write
-    } else {
-        Masks::Omit
-    };
+    let masks = arguments.written_masks();
     let mut visible_dots = 0;
     for (k, camera) in rig.cameras().iter().enumerate() {
         let own = set.path().join(&camera.name);
@@ -70,7 +63,7 @@ pub(super) fn run(arguments: &Arguments, path: &Path) -> Result<()> {
     files::write_bytes(&set.path().join(FILE), yaml.as_bytes())?;
     counter.finish();
     set.publish(&[], FILE)?;
-    let made = Made {
+    let made = MadeRig {
         output,
         cameras: rig.names(),
         frames,
@@ -102,7 +95,7 @@ fn check_folders(arguments: &Arguments, rig: &Rig) -> Result<()> {
 }
 
 /// What was made.
-struct Made<'a> {
+struct MadeRig<'a> {
     output: PathBuf,
     cameras: Vec<&'a str>,
     /// Of each camera.
@@ -115,7 +108,7 @@ struct Made<'a> {
     seconds: f64,
 }
 
-impl Made<'_> {
+impl MadeRig<'_> {
     fn say(&self, as_json: bool) -> Result<()> {
         let Self { spin, frames, .. } = self;
         let rps = spin.norm() / std::f64::consts::TAU;

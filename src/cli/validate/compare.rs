@@ -9,7 +9,7 @@ use crate::cli::print_json;
 use crate::error::Result;
 use crate::files;
 use crate::recognize::RecognizerName;
-use crate::report::compare::{Comparison, Contest, Entry, compare};
+use crate::report::compare::{Comparison, Contest, Entry, PatternMeasures, compare};
 use crate::stats::PairedDifference;
 use crate::view::ProtocolName;
 
@@ -112,40 +112,48 @@ fn name(path: &Path) -> String {
 
 fn print_words(found: &Comparison) {
     outln!("{} trials a protocol, seed {}.", found.samples, found.seed);
-    for p in &found.patterns {
-        outln!(
-            "\n{} ({} dots, {})",
-            p.name,
-            p.summary.dots,
-            &p.sha256[..12]
-        );
-        outln!(
-            "  separation minimum {:.1} deg, mean {:.1} deg; {} dots visible from anywhere",
-            p.summary.min_separation_rad.to_degrees(),
-            p.summary.mean_nearest_separation_rad.to_degrees(),
-            p.summary.min_visible
-        );
-        outln!(
-            "  three nearest neighbors: mean {:.1} deg, std {:.3} and minimum {:.3} of it",
-            p.neighbors.mean_rad.to_degrees(),
-            p.neighbors.relative_std,
-            p.neighbors.relative_min
-        );
-        outln!(
-            "  orientation bound: mean {}, worst {} of a dot's noise",
-            number_or_dash(p.orientation_bound.mean),
-            number_or_dash(p.orientation_bound.worst)
-        );
-        let objectives = p
-            .objectives
-            .iter()
-            .map(|o| format!("{} {:.4}", o.name, o.value));
-        outln!(
-            "  mean nearest-neighbor distance of the features {:.4}; {}",
-            p.mean_feature_distance,
-            objectives.collect::<Vec<_>>().join(", ")
-        );
-    }
+    found.patterns.iter().for_each(print_pattern);
+    print_contests(found);
+    print_differences(found);
+}
+
+fn print_pattern(p: &PatternMeasures) {
+    outln!(
+        "\n{} ({} dots, {})",
+        p.name,
+        p.summary.dots,
+        &p.sha256[..12]
+    );
+    outln!(
+        "  separation minimum {:.1} deg, mean {:.1} deg; {} dots visible from anywhere",
+        p.summary.min_separation_rad.to_degrees(),
+        p.summary.mean_nearest_separation_rad.to_degrees(),
+        p.summary.min_visible
+    );
+    outln!(
+        "  three nearest neighbors: mean {:.1} deg, std {:.3} and minimum {:.3} of it",
+        p.neighbors.mean_rad.to_degrees(),
+        p.neighbors.relative_std,
+        p.neighbors.relative_min
+    );
+    outln!(
+        "  orientation bound: mean {}, worst {} of a dot's noise",
+        number_or_dash(p.orientation_bound.mean),
+        number_or_dash(p.orientation_bound.worst)
+    );
+    let objectives = p
+        .objectives
+        .iter()
+        .map(|o| format!("{} {:.4}", o.name, o.value));
+    outln!(
+        "  mean nearest-neighbor distance of the features {:.4}; {}",
+        p.mean_feature_distance,
+        objectives.collect::<Vec<_>>().join(", ")
+    );
+}
+
+/// The rates of all patterns, a line a protocol and recognizer.
+fn print_contests(found: &Comparison) {
     let longest = found.patterns.iter().map(|p| p.name.chars().count()).max();
     let width = longest.unwrap_or(0).clamp(7, 24);
     outln!(
@@ -171,7 +179,6 @@ fn print_words(found: &Comparison) {
             degrees_or_dash(v.mean_error_deg, 2),
         );
     }
-    print_differences(found);
 }
 
 /// The differences from the first pattern that are not within their interval.

@@ -6,7 +6,7 @@ use super::{CameraClip, RigConfig, RigOutcome, combine};
 use crate::clip::balls::BallEstimate;
 use crate::clip::batch::{Batch, BatchFrame, BatchObserver, SequenceOutcome};
 use crate::clip::config::BatchConfig;
-use crate::clip::run::{Pass, run_sources};
+use crate::clip::run::{Pass, Watch, Watching, run_watched};
 use crate::clip::sequence::{ImageWork, SequenceSummary};
 use crate::clip::times::TimeSource;
 use crate::clip::work::{Work, Worker};
@@ -19,7 +19,7 @@ use crate::vision::optics::rig::Rig;
 
 /// What came of the clips of a rig's cameras.
 #[derive(Debug, Clone)]
-pub struct RigClip<K> {
+pub struct RigClip<K = ()> {
     /// Each camera's clip by itself, as far as the others have helped it.
     pub cameras: Vec<Batch<K>>,
     /// All together: in order of time, in the rig's frame. Nothing is kept of its pictures.
@@ -45,7 +45,7 @@ pub fn run_rig<O: BatchObserver>(
     run_rig_sources(rig, tables, &listed, config, observer)
 }
 
-/// The same of sources, as [`run_sources`] takes them: one list for each camera.
+/// The same of sources, as [`run_sources`](crate::clip::run_sources) takes them: one list for each camera.
 ///
 /// # Errors
 /// Those of [`run_rig`].
@@ -56,6 +56,32 @@ pub fn run_rig_sources<O: BatchObserver>(
     config: &BatchConfig,
     observer: &O,
 ) -> Result<RigClip<O::Kept>> {
+    let keepers: Vec<Watching<'_, O>> = inputs.iter().map(|_| Watching::new(observer)).collect();
+    let watchers: Vec<&dyn Watch> = keepers.iter().map(|keeper| keeper as &dyn Watch).collect();
+    let clip = run_watched_rig(rig, tables, inputs, config, &watchers)?;
+    let cameras = clip.cameras.into_iter().zip(keepers);
+    let nothing = clip.together.frames.iter();
+    let nothing = nothing.map(|_| O::Kept::default()).collect();
+    Ok(RigClip {
+        cameras: cameras
+            .map(|(batch, keeper)| {
+                let kept = keeper.kept(batch.frames.len());
+                batch.keeping(kept)
+            })
+            .collect(),
+        together: clip.together.keeping(nothing),
+        outcome: clip.outcome,
+    })
+}
+
+/// The same; what is kept is with the watchers, one for each list of sources.
+fn run_watched_rig(
+    rig: &Rig,
+    tables: &[Vec<Estimator>],
+    inputs: &[SourceList],
+    config: &BatchConfig,
+    watchers: &[&dyn Watch],
+) -> Result<RigClip> {
     let count = rig.cameras().len();
     for (name, found) in [("inputs", inputs.len()), ("tables", tables.len())] {
         if found != count {
@@ -66,9 +92,11 @@ pub fn run_rig_sources<O: BatchObserver>(
             return Err(Error::argument(name, problem));
         }
     }
-    let each = tables.iter().zip(inputs);
-    let batches = each.map(|(tables, inputs)| run_sources(&tables[..], inputs, config, observer));
-    let mut batches: Vec<Batch<O::Kept>> = batches.collect::<Result<_>>()?;
+    let each = tables.iter().zip(inputs).zip(watchers);
+    let batches = each.map(|((tables, inputs), watcher)| {
+        run_watched(Work::Poses(tables), inputs, config, *watcher)
+    });
+    let mut batches: Vec<Batch> = batches.collect::<Result<_>>()?;
     let mut clips: Vec<CameraClip<'_>> = batches
         .iter_mut()
         .zip(tables)
@@ -80,15 +108,15 @@ pub fn run_rig_sources<O: BatchObserver>(
         min_confidence: clips[0].estimator.config().min_confidence,
     };
     let on_images = |camera: usize, wanted: &[usize], work: &ImageWork<'_>| {
-        let batch = &mut batches[camera];
+        let batch = &batches[camera];
         let table = batch.judgment.table;
-        let mut pass = Pass::new(Work::Poses(&tables[camera]), config, observer);
+        let mut pass = Pass::new(Work::Poses(&tables[camera]), config, watchers[camera]);
         pass.table = table;
         let again = |k: usize, image: ImageView<'_>, worker: &mut Worker<'_>| match worker {
             Worker::Pose(_, table, ws) => Some(vec![BallEstimate::of(work(k, image, ws)?, *table)]),
             _ => None,
         };
-        let found = pass.on_pictures(&batch.sources, wanted, &again, &mut batch.frames)?;
+        let found = pass.on_pictures(&batch.sources, wanted, &again)?;
         let one =
             |(k, balls): (usize, Vec<BallEstimate>)| Some((k, balls.into_iter().next()?.frame));
         Ok::<_, Error>(found.into_iter().filter_map(one).collect())
@@ -108,7 +136,7 @@ pub fn run_rig_sources<O: BatchObserver>(
     })
 }
 
-fn clip_of<'a, K>(batch: &mut Batch<K>, tables: &'a [Estimator]) -> CameraClip<'a> {
+fn clip_of<'a>(batch: &mut Batch, tables: &'a [Estimator]) -> CameraClip<'a> {
     // Times that do not increase are none.
     let times: Option<Vec<f64>> = batch.frames.iter().map(|f| f.time_s).collect();
     let times_s = times.filter(|t| t.windows(2).all(|w| w[0] < w[1]));
@@ -125,11 +153,7 @@ fn clip_of<'a, K>(batch: &mut Batch<K>, tables: &'a [Estimator]) -> CameraClip<'
 }
 
 /// The fused frames as a clip.
-fn together<K: Default>(
-    batches: &[Batch<K>],
-    outcome: &RigOutcome,
-    config: &BatchConfig,
-) -> Batch<K> {
+fn together(batches: &[Batch], outcome: &RigOutcome, config: &BatchConfig) -> Batch {
     let frames = outcome.frames.iter().map(|frame| {
         let member = (0..batches.len()).find_map(|k| batches[k].frames.get(frame.members[k]?));
         BatchFrame {
@@ -141,7 +165,7 @@ fn together<K: Default>(
             size: member.and_then(|m| m.size),
             // A file that cannot be read is a matter of its camera's clip.
             unreadable: None,
-            kept: K::default(),
+            kept: (),
         }
     });
     let is_timed = outcome.frames.len() > 1 && outcome.frames.iter().all(|f| f.time_s.is_some());

@@ -130,7 +130,7 @@ impl Confusion {
     fn weigh(&self, dots: &[Vec3], quadruples: &[Quadruple], gradient: &mut [Vec3]) -> Vec<f64> {
         let n = dots.len();
         let failures: Vec<f64> = quadruples.iter().map(|q| 1.0 - (-q.union).exp()).collect();
-        let places = Places::new(n, quadruples);
+        let places = RankedPlaces::new(n, quadruples);
         let mut weights = vec![0.0; quadruples.len()];
         let mut seen = vec![0.0; n];
         let mut by_dot = vec![0.0; n];
@@ -197,12 +197,12 @@ fn for_each_quadruple(dots: &[usize], seen: &[f64], mut visit: impl FnMut([usize
 }
 
 /// Where each four dots stand among the quadruples that look like others.
-struct Places {
+struct RankedPlaces {
     /// By the quadruple's number among all of them; [`Places::NONE`] where none looks like it.
     of_number: Vec<u32>,
 }
 
-impl Places {
+impl RankedPlaces {
     const NONE: u32 = u32::MAX;
 
     fn new(dots: usize, quadruples: &[Quadruple]) -> Self {

@@ -66,7 +66,7 @@ impl Lookalike {
 
 /// All pairs of quadruples no farther apart than `reach`, but the identities.
 pub(super) fn lookalikes(dots: &[Vec3], reach: f64) -> Vec<Lookalike> {
-    Search::new(dots, reach).run()
+    LookalikeSearch::new(dots, reach).run()
 }
 
 /// `min_R sum |s_i - R o_i|^2` of K unit vectors given by their cosines and the determinant of
@@ -103,7 +103,7 @@ fn distance_squared<const K: usize>(
 }
 
 /// A third dot that resembles another, given a pair, and the distance of the three.
-struct Link {
+struct LookalikeLink {
     seen: usize,
     other: usize,
     distance_squared: f64,
@@ -112,7 +112,7 @@ struct Link {
 /// Finds each two quadruples from that pair of dots of both that is nearest to a right angle. That pair is aligned with
 /// every pair of no higher rank; a third dot must then match a third, and a fourth a fourth. What looks like another is
 /// looked like by it, so each two are found once and listed twice.
-struct Search<'a> {
+struct LookalikeSearch<'a> {
     dots: &'a [Vec3],
     n: usize,
     reach_squared: f64,
@@ -126,17 +126,17 @@ struct Search<'a> {
     angles: Vec<f64>,
     determinants: Vec<f64>,
     /// For each dot the others by their angle from it, `n - 1` in a row.
-    nearest: Vec<Neighbor>,
+    nearest: Vec<LookalikeNeighbor>,
 }
 
 /// A dot as seen from another.
 #[derive(Clone, Copy)]
-struct Neighbor {
+struct LookalikeNeighbor {
     dot: usize,
     angle: f64,
 }
 
-impl<'a> Search<'a> {
+impl<'a> LookalikeSearch<'a> {
     fn new(dots: &'a [Vec3], reach: f64) -> Self {
         let n = dots.len();
         let table = |f: &dyn Fn(&Vec3, &Vec3) -> f64| -> Vec<f64> {
@@ -161,7 +161,7 @@ impl<'a> Search<'a> {
         for from in 0..n {
             let begin = nearest.len();
             let others = (0..n).filter(|&dot| dot != from);
-            nearest.extend(others.map(|dot| Neighbor {
+            nearest.extend(others.map(|dot| LookalikeNeighbor {
                 dot,
                 angle: angles[from * n + dot],
             }));
@@ -231,7 +231,7 @@ impl<'a> Search<'a> {
         [i, j]: [usize; 2],
         [k, l]: [usize; 2],
         thirds: &[usize],
-        links: &mut Vec<Link>,
+        links: &mut Vec<LookalikeLink>,
     ) {
         links.clear();
         let rank = self.rank(i, j);
@@ -266,7 +266,7 @@ impl<'a> Search<'a> {
                 if let Some(distance_squared) =
                     distance_squared(&seen, &other, product, self.reach_squared)
                 {
-                    links.push(Link {
+                    links.push(LookalikeLink {
                         seen: a,
                         other: c,
                         distance_squared,
@@ -281,7 +281,7 @@ impl<'a> Search<'a> {
         &self,
         [i, j]: [usize; 2],
         [k, l]: [usize; 2],
-        links: &[Link],
+        links: &[LookalikeLink],
         found: &mut Vec<Lookalike>,
     ) {
         let rank = self.rank(i, j);

@@ -51,7 +51,7 @@ impl Default for MeanNearestNeighbor {
 }
 
 /// One feature on the tape: which dots made it, and its basis' weight.
-struct Entry {
+struct FeatureEntry {
     first: usize,
     second: usize,
     third: usize,
@@ -70,7 +70,7 @@ impl MeanNearestNeighbor {
         Ok(Evaluation { value, gradient })
     }
 
-    fn features(&self, dots: &[Vec3]) -> (Vec<Entry>, Vec<[f64; 3]>) {
+    fn features(&self, dots: &[Vec3]) -> (Vec<FeatureEntry>, Vec<[f64; 3]>) {
         let n = dots.len();
         let min_squared_sine = self.min_pair_angle_rad.sin().powi(2);
         let mut entries = Vec::with_capacity(n * n * n);
@@ -87,7 +87,7 @@ impl MeanNearestNeighbor {
                 }
                 for third in (0..n).filter(|&k| k != first && k != second) {
                     features.push(feature(a, b, &dots[third]).into());
-                    entries.push(Entry {
+                    entries.push(FeatureEntry {
                         first,
                         second,
                         third,
@@ -124,7 +124,7 @@ fn edge_slope(t: f64) -> f64 {
 
 /// The weighted mean of the nearest-neighbor distances; adds its derivatives by dot.
 fn mean_and_adjoints(
-    entries: &[Entry],
+    entries: &[FeatureEntry],
     features: &[[f64; 3]],
     dots: &[Vec3],
     by_dot: &mut [Vec3],
@@ -168,7 +168,7 @@ fn mean_and_adjoints(
 
 /// Adds the derivative of `g . h + by_weight * weight` with respect to the feature's three dots.
 fn back_propagate(
-    e: &Entry,
+    e: &FeatureEntry,
     h: &Vec3,
     g: &Vec3,
     by_weight: f64,

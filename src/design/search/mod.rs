@@ -105,7 +105,7 @@ pub fn design(
     stop: &AtomicBool,
     observer: &mut dyn DesignObserver,
 ) -> Result<DesignOutcome> {
-    let mut search = Search::new(config, state, stop, observer)?;
+    let mut search = StartSearch::new(config, state, stop, observer)?;
     let stopped = !search.rounds(state)?;
     let mut finalists = search.halve(state)?;
     if !finalists.is_empty() {
@@ -134,7 +134,7 @@ pub fn search_rounds(
     stop: &AtomicBool,
     observer: &mut dyn DesignObserver,
 ) -> Result<bool> {
-    let mut search = Search::new(config, state, stop, observer)?;
+    let mut search = StartSearch::new(config, state, stop, observer)?;
     Ok(search.rounds(state)? && state.round == config.rounds)
 }
 
@@ -162,7 +162,7 @@ fn nothing_found(state: &SearchState, stopped: bool) -> Error {
     Error::argument("design", problem)
 }
 
-struct Search<'a> {
+struct StartSearch<'a> {
     config: &'a DesignConfig,
     stop: &'a AtomicBool,
     observer: &'a mut dyn DesignObserver,
@@ -173,7 +173,7 @@ struct Search<'a> {
     unfinished: Vec<Candidate>,
 }
 
-impl<'a> Search<'a> {
+impl<'a> StartSearch<'a> {
     fn new(
         config: &'a DesignConfig,
         state: &SearchState,
@@ -197,7 +197,7 @@ impl<'a> Search<'a> {
     }
 }
 
-impl Search<'_> {
+impl StartSearch<'_> {
     /// All rounds, or as many as the observer wants; `false` if stopped before their end.
     fn rounds(&mut self, state: &mut SearchState) -> Result<bool> {
         while state.round < self.config.rounds {
@@ -234,7 +234,7 @@ impl Search<'_> {
         let config = self.config;
         self.scout(state)?;
         let mut best: Vec<&Candidate> = state.scouted.iter().collect();
-        best.sort_by(|a, b| a.cost.total_cmp(&b.cost).then(a.start.cmp(&b.start)));
+        best.sort_unstable_by(|a, b| a.cost.total_cmp(&b.cost).then(a.start.cmp(&b.start)));
         let chosen: Vec<Candidate> = best
             .into_iter()
             .take(config.starts.div_ceil(4))

@@ -73,7 +73,7 @@ pub struct PaperWorkspace {
 }
 
 /// A verified basis.
-struct Candidate {
+struct RotationCandidate {
     rotation: Rotation,
     error_rad: f64,
     score: f64,
@@ -171,7 +171,7 @@ impl PaperRecognizer {
         basis: Basis,
         dots: &[ObservedDot],
         ws: &mut PaperWorkspace,
-    ) -> Option<Candidate> {
+    ) -> Option<RotationCandidate> {
         let pattern = &self.dots;
         let (i, j) = (usize::from(basis.first), usize::from(basis.second));
         let coarse = rotation_from_pairs(
@@ -195,7 +195,7 @@ impl PaperRecognizer {
                 angle_between(&dot.direction, &(rotation * pattern[usize::from(t)])).powi(2)
             })
             .sum();
-        Some(Candidate {
+        Some(RotationCandidate {
             rotation,
             error_rad: (sum / dots.len() as f64).sqrt(),
             score: ws.scores[index(basis, pattern.len())],
@@ -207,9 +207,9 @@ impl PaperRecognizer {
         &self,
         dots: &[ObservedDot],
         ws: &mut PaperWorkspace,
-    ) -> Option<(Candidate, f64)> {
+    ) -> Option<(RotationCandidate, f64)> {
         let count = (ws.voted.len() as f64 * self.config.verify_fraction).ceil() as usize;
-        let mut best: Option<Candidate> = None;
+        let mut best: Option<RotationCandidate> = None;
         // The first in rank has the largest score; relative to it no sum of logarithms overflows.
         let top = ws
             .voted

@@ -75,7 +75,7 @@ impl Sampled {
 
 /// A possible match.
 #[derive(Debug, Clone, Copy)]
-struct Link {
+struct MatchLink {
     dot: u16,
     pattern_dot: u16,
     /// The bit that remembers the pattern dot; 0 where no other dot can take it.
@@ -88,7 +88,7 @@ struct Link {
 
 /// A step of the sum: a dot.
 #[derive(Debug, Clone, Copy)]
-struct Step {
+struct MatchStep {
     /// Its links.
     from: usize,
     to: usize,
@@ -101,9 +101,9 @@ struct Step {
 /// Scratch memory of the sums.
 #[derive(Debug, Default)]
 pub(super) struct Matching {
-    links: Vec<Link>,
+    links: Vec<MatchLink>,
     /// In the order in which the dots are summed over.
-    steps: Vec<Step>,
+    steps: Vec<MatchStep>,
     /// For each dot the range of its links.
     of_dot: Vec<[usize; 2]>,
     /// For each pattern dot the dots that may still take it, and its bit once one of them is summed over.
@@ -264,7 +264,7 @@ impl Matching {
                 let gain = kernel.map(|k| seen.ln_peak + k + self.worth[j]);
                 let gain = gain.unwrap_or(f64::NEG_INFINITY);
                 most = most.max(gain);
-                self.links.push(Link {
+                self.links.push(MatchLink {
                     dot: i as u16,
                     pattern_dot: j as u16,
                     bit: 0,
@@ -335,7 +335,7 @@ impl Matching {
             }
             let width = usize::BITS - (before | in_use).leading_zeros();
             in_use &= !closes;
-            self.steps.push(Step {
+            self.steps.push(MatchStep {
                 from,
                 to,
                 closes,
@@ -348,7 +348,7 @@ impl Matching {
     fn next_dot(&self) -> Option<usize> {
         let cost = |dot: u16| -> i32 {
             let [from, to] = self.of_dot[usize::from(dot)];
-            let of_link = |link: &Link| {
+            let of_link = |link: &MatchLink| {
                 let j = usize::from(link.pattern_dot);
                 match (self.bits[j] != 0, self.takers[j]) {
                     (true, 1) => -1,

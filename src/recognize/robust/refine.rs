@@ -74,7 +74,7 @@ impl Start {
 
 /// A possible match.
 #[derive(Debug, Clone, Copy)]
-struct Link {
+struct RefineLink {
     gain: f64,
     dot: u16,
     pattern_dot: u16,
@@ -109,7 +109,7 @@ pub(super) struct Refiner {
     rotated: Vec<Vec3>,
     /// ln detected - ln missed.
     worth: Vec<f64>,
-    links: Vec<Link>,
+    links: Vec<RefineLink>,
     assignment: Vec<u16>,
     previous: Vec<u16>,
     /// For each pattern dot its observed dot, and what that match gains.
@@ -244,7 +244,7 @@ impl Refiner {
                 };
                 let gain = dot.ln_peak - ln_ratio + kernel + self.worth[j];
                 if gain > MIN_GAIN {
-                    self.links.push(Link {
+                    self.links.push(RefineLink {
                         gain,
                         dot: i as u16,
                         pattern_dot: j as u16,
@@ -309,7 +309,7 @@ impl Refiner {
         }
     }
 
-    fn take(&mut self, link: Link) {
+    fn take(&mut self, link: RefineLink) {
         self.assignment[usize::from(link.dot)] = link.pattern_dot;
         self.holder[usize::from(link.pattern_dot)] = link.dot;
         self.gain[usize::from(link.dot)] = link.gain;

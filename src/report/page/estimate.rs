@@ -105,7 +105,7 @@ impl PagePaint {
             .flatten()
             .map(|v| f64::from(*v))
             .collect();
-        known.sort_by(f64::total_cmp);
+        known.sort_unstable_by(f64::total_cmp);
         let [dark, light] = match known.is_empty() {
             true => [0.0, 1.0],
             false => SHADES.map(|share| quantile(&known, share)),

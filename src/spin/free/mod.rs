@@ -31,7 +31,7 @@ use super::windows::spin_over_time;
 use super::{Fit, Measurement};
 use crate::geometry::{Rotation, Vec3, turned_covariance};
 use crate::stats::median;
-use smoother::{Base, Path, Prior, trapezes};
+use smoother::{Base, Path, ProcessPrior, trapezes};
 
 /// Orientations without which there is no free motion: its change is learned from them.
 pub const MIN_ORIENTATIONS: usize = 8;
@@ -196,7 +196,7 @@ struct Setting<'a> {
     base: Base,
     /// Where a path begins.
     start: Path,
-    prior: Prior,
+    prior: ProcessPrior,
     /// The largest density of the change.
     most: f64,
 }
@@ -300,7 +300,7 @@ impl<'a> Setting<'a> {
         let shared = config.shared.as_ref();
         let turning = shared.map(SharedError::turn_rate_covariance);
         let turning = turning.filter(|c| c.trace() > 0.0);
-        let prior = Prior {
+        let prior = ProcessPrior {
             change: 0.0,
             spin: config.max_rps * TAU / 3f64.sqrt(),
             // Positive definite, whatever it is.
@@ -377,7 +377,7 @@ impl<'a> Setting<'a> {
     }
 
     fn settled(&self, change: f64, start: Path, steps: usize) -> Option<Path> {
-        let prior = Prior {
+        let prior = ProcessPrior {
             change,
             ..self.prior
         };
@@ -395,7 +395,7 @@ impl<'a> Setting<'a> {
                     .map(|path| (change, path)),
             );
         }
-        paths.sort_by(|a, b| b.0.total_cmp(&a.0));
+        paths.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
         paths
     }
 

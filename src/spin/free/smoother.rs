@@ -46,7 +46,7 @@ pub(super) struct Base {
 
 /// What is known of a path before its measurements.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Prior {
+pub(super) struct ProcessPrior {
     /// Density of the spin's change, (rad/s)^2 per second.
     pub change: f64,
     /// Standard deviation of the spin at the beginning about the base's, rad/s.
@@ -110,7 +110,7 @@ impl Path {
         self,
         measurements: &[Measurement],
         base: &Base,
-        prior: &Prior,
+        prior: &ProcessPrior,
         steps: usize,
     ) -> Option<Self> {
         let mut best: Option<Self> = None;
@@ -160,7 +160,7 @@ fn improved<const S: usize>(
     path: &Path,
     measurements: &[Measurement],
     base: &Base,
-    prior: &Prior,
+    prior: &ProcessPrior,
 ) -> Option<Path> {
     let (filtered, ln_evidence) = filtered::<S>(path, measurements, base, prior)?;
     let n = measurements.len();
@@ -207,22 +207,10 @@ fn filtered<const S: usize>(
     path: &Path,
     measurements: &[Measurement],
     base: &Base,
-    prior: &Prior,
+    prior: &ProcessPrior,
 ) -> Option<(Vec<Filtered<S>>, f64)> {
     let n = measurements.len();
-    let mut state = SVector::<f64, S>::zeros();
-    let mut covariance = SMatrix::<f64, S, S>::zeros();
-    state.fixed_rows_mut::<3>(3).copy_from(&-path.beside[0]);
-    for i in 0..3 {
-        covariance[(i, i)] = ANY_ORIENTATION;
-        covariance[(3 + i, 3 + i)] = prior.spin * prior.spin;
-    }
-    if let Some(turning) = prior.turning.filter(|_| S == 9) {
-        state.fixed_rows_mut::<3>(S - 3).copy_from(&-path.turning);
-        covariance
-            .fixed_view_mut::<3, 3>(S - 3, S - 3)
-            .copy_from(&turning);
-    }
+    let (mut state, mut covariance) = before::<S>(path, prior);
     let mut ln_evidence = prior.noise.ln_prior(path.sigma_rad, 0);
     let mut all = Vec::with_capacity(n);
     for (k, m) in measurements.iter().enumerate() {
@@ -246,7 +234,7 @@ fn filtered<const S: usize>(
         }
         let (predicted, wide, gain) = match k + 1 < n {
             true => {
-                let step = Step::<S>::of(path, base, prior, measurements, k);
+                let step = ProcessStep::<S>::of(path, base, prior, measurements, k);
                 let wide = step.slope * covariance * step.slope.transpose() + step.noise;
                 let solved = wide.cholesky()?;
                 let gain = solved.solve(&(step.slope * covariance)).transpose();
@@ -266,6 +254,27 @@ fn filtered<const S: usize>(
     ln_evidence.is_finite().then_some((all, ln_evidence))
 }
 
+/// The state about a path before the first frame, and its covariance.
+fn before<const S: usize>(
+    path: &Path,
+    prior: &ProcessPrior,
+) -> (SVector<f64, S>, SMatrix<f64, S, S>) {
+    let mut state = SVector::<f64, S>::zeros();
+    let mut covariance = SMatrix::<f64, S, S>::zeros();
+    state.fixed_rows_mut::<3>(3).copy_from(&-path.beside[0]);
+    for i in 0..3 {
+        covariance[(i, i)] = ANY_ORIENTATION;
+        covariance[(3 + i, 3 + i)] = prior.spin * prior.spin;
+    }
+    if let Some(turning) = prior.turning.filter(|_| S == 9) {
+        state.fixed_rows_mut::<3>(S - 3).copy_from(&-path.turning);
+        covariance
+            .fixed_view_mut::<3, 3>(S - 3, S - 3)
+            .copy_from(&turning);
+    }
+    (state, covariance)
+}
+
 /// What a measurement that is right with the probability `p` adds to the evidence beside its density.
 fn ln_of_mixture(m: &Measurement, p: f64) -> f64 {
     let c = trusted(m.confidence);
@@ -278,14 +287,20 @@ fn ln_of_mixture(m: &Measurement, p: f64) -> f64 {
 }
 
 /// One step of the process, linear about a path: the state in the next frame is `slope * state + offset`, and noise.
-struct Step<const S: usize> {
+struct ProcessStep<const S: usize> {
     slope: SMatrix<f64, S, S>,
     offset: SVector<f64, S>,
     noise: SMatrix<f64, S, S>,
 }
 
-impl<const S: usize> Step<S> {
-    fn of(path: &Path, base: &Base, prior: &Prior, measurements: &[Measurement], k: usize) -> Self {
+impl<const S: usize> ProcessStep<S> {
+    fn of(
+        path: &Path,
+        base: &Base,
+        prior: &ProcessPrior,
+        measurements: &[Measurement],
+        k: usize,
+    ) -> Self {
         let dt = measurements[k + 1].time_s - measurements[k].time_s;
         let beside = [path.beside[k], path.beside[k + 1]];
         let middle = (base.spins[k] + base.spins[k + 1]) * 0.5;
@@ -342,7 +357,7 @@ impl<const S: usize> Step<S> {
 
 impl Path {
     /// The probabilities of the measurements and their noise that go with the path.
-    fn judge(&mut self, measurements: &[Measurement], prior: &Prior) {
+    fn judge(&mut self, measurements: &[Measurement], prior: &ProcessPrior) {
         let (mut support, mut squares) = (0.0, 0.0);
         for (k, m) in measurements.iter().enumerate() {
             let scale = m.sigma_scale * m.sigma_scale;

@@ -109,6 +109,30 @@ struct Pass<const P: usize> {
     objective: f64,
 }
 
+impl<const P: usize> Pass<P> {
+    fn settled<M>(&self, motion: M, sigma_rad: f64, degrees: f64) -> Settled<M> {
+        Settled {
+            motion,
+            sigma_rad,
+            degrees,
+            support: self.support,
+            inliers: self.inliers,
+            log_likelihood: self.log_likelihood,
+            log_posterior: self.log_posterior,
+            objective: self.objective,
+        }
+    }
+}
+
+/// Steps that shrink by the ratio r each lead 1 / (1 - r) times as far.
+fn lead(ratio: f64) -> f64 {
+    if ratio < 1.0 {
+        (1.0 - ratio).recip().min(MAX_FACTOR)
+    } else {
+        1.0
+    }
+}
+
 /// The frames that a growing fit has reached.
 struct Reached<const P: usize> {
     normal: Normal<P>,
@@ -287,16 +311,7 @@ impl<const P: usize> Mixture<'_, P> {
             // Of millions of frames the objective does not show a shorter step.
             let converged = CONVERGED.max(ROUNDING * pass.objective.abs());
             if step.length < converged && is_noise_settled {
-                return Ok(Settled {
-                    motion,
-                    sigma_rad,
-                    degrees,
-                    support: pass.support,
-                    inliers: pass.inliers,
-                    log_likelihood: pass.log_likelihood,
-                    log_posterior: pass.log_posterior,
-                    objective: pass.objective,
-                });
+                return Ok(pass.settled(motion, sigma_rad, degrees));
             }
             let damped = match damping {
                 0.0 => Some(step),
@@ -305,12 +320,9 @@ impl<const P: usize> Mixture<'_, P> {
             let Some(step) = damped else {
                 break;
             };
-            // Steps that shrink by the ratio r each lead 1 / (1 - r) times as far.
             let ratio = (step.length / last_length).sqrt();
-            let factor = match taken >= FIRST_STEPS && damping == 0.0 && ratio < 1.0 {
-                true => (1.0 - ratio).recip().min(MAX_FACTOR),
-                false => 1.0,
-            };
+            let is_steady = taken >= FIRST_STEPS && damping == 0.0;
+            let factor = if is_steady { lead(ratio) } else { 1.0 };
             last_length = step.length;
             let next = motion.retract(&(step.turn * factor), &(step.rates * factor));
             let next_sigma = sigma_rad * (next_sigma / sigma_rad).powf(factor);

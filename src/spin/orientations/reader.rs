@@ -145,57 +145,22 @@ impl<R: BufRead> OrientationReader<R> {
                 continue;
             }
             // A frame that shows no ball has a row without a number.
-            let is_other = |(found, before): &(usize, usize)| found != before;
-            let other = ball.zip(self.ball).filter(is_other);
-            if let Some((found, before)) = other.filter(|_| !self.of_flashes) {
-                let held = self.held(BALL, [before, found].map(|n| n.to_string()))?;
-                let problem = format!(
-                    "ball: expected one ball, found {found} after {before}: the file holds balls {held} (--ball chooses one)"
-                );
-                return Err(self.error(line, problem));
+            if let Some((found, before)) = ball.zip(self.ball)
+                && found != before
+                && !self.of_flashes
+            {
+                return Err(self.second_ball(line, found, before));
             }
             self.ball = ball.or(self.ball);
             let time_s = self.interval_s.map(|interval| interval * self.count as f64);
             let parsed = parse(&row, time_s).map_err(|problem| row.error(problem))?;
-            let named = row
-                .text(CAMERA_FRAME)
-                .map(str::parse::<CameraFrame>)
-                .transpose();
-            let frame = named.map_err(|_| {
-                let found = shown(row.text(CAMERA_FRAME).unwrap_or_default());
-                row.error(format!(
-                    "camera_frame: expected camera, optical, view or optical_view, found \"{found}\""
-                ))
-            })?;
+            let frame = camera_frame(&row)?;
             if self.count > 0 && frame != self.camera_frame {
                 return Err(row.error("camera_frame: expected the same in all rows"));
             }
             self.camera_frame = frame;
             self.count += 1;
-            // Rows of equal times are of several cameras, but not those of an exposure's flashes.
-            let is_before =
-                parsed.time_s < self.time_s || self.of_flashes && parsed.time_s == self.time_s;
-            if is_before {
-                let order = if self.of_flashes {
-                    "later"
-                } else {
-                    "not earlier"
-                };
-                let problem = format!(
-                    "expected a time {order} than the {} s before it, found {} s",
-                    self.time_s, parsed.time_s
-                );
-                return Err(match self.exposure.take() {
-                    Some(before) if self.of_flashes && before != parsed.frame => {
-                        let held = self.held(FRAME, [before, parsed.frame])?;
-                        let words = format!(
-                            "{problem}: the file holds exposures {held} (--exposure chooses one)"
-                        );
-                        self.error(line, words)
-                    }
-                    _ => self.error(line, problem),
-                });
-            }
+            self.require_order(line, &parsed)?;
             self.time_s = parsed.time_s;
             if self.of_flashes {
                 self.exposure = Some(parsed.frame.clone());
@@ -204,9 +169,60 @@ impl<R: BufRead> OrientationReader<R> {
         }
     }
 
+    fn second_ball(&mut self, line: u64, found: usize, before: usize) -> Error {
+        match self.held(BALL, [before, found].map(|n| n.to_string())) {
+            Ok(held) => self.error(
+                line,
+                format!(
+                    "ball: expected one ball, found {found} after {before}: the file holds balls {held} (--ball chooses one)"
+                ),
+            ),
+            Err(error) => error,
+        }
+    }
+
+    /// Rows of equal times are of several cameras, but not those of an exposure's flashes.
+    fn require_order(&mut self, line: u64, row: &OrientationRow) -> Result<()> {
+        let is_before = row.time_s < self.time_s || self.of_flashes && row.time_s == self.time_s;
+        if !is_before {
+            return Ok(());
+        }
+        let order = if self.of_flashes {
+            "later"
+        } else {
+            "not earlier"
+        };
+        let problem = format!(
+            "expected a time {order} than the {} s before it, found {} s",
+            self.time_s, row.time_s
+        );
+        Err(match self.exposure.take() {
+            Some(before) if self.of_flashes && before != row.frame => {
+                let held = self.held(FRAME, [before, row.frame.clone()])?;
+                let words =
+                    format!("{problem}: the file holds exposures {held} (--exposure chooses one)");
+                self.error(line, words)
+            }
+            _ => self.error(line, problem),
+        })
+    }
+
     fn error(&self, line: u64, problem: String) -> Error {
         Error::input(self.table.path(), format!("line {line}"), problem)
     }
+}
+
+/// The frame that a row says its orientation is in.
+fn camera_frame(row: &TableRow<'_, COUNT>) -> Result<Option<CameraFrame>> {
+    let Some(text) = row.text(CAMERA_FRAME) else {
+        return Ok(None);
+    };
+    text.parse().map(Some).map_err(|_| {
+        row.error(format!(
+            "camera_frame: expected camera, optical, view or optical_view, found \"{}\"",
+            shown(text)
+        ))
+    })
 }
 
 /// Whether a row is none of those that are read: another ball's or exposure's than the one that is `chosen`, or, in a file of

@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use super::dataset::frame_rng;
 use super::{Rendering, Scene, SynthConfig, SynthKind};
+use crate::concurrency;
 use crate::design::random_pattern;
 use crate::error::Result;
 use crate::vision::dots::patch::{MIDDLE, Patch, RADIUS, SIZE};
@@ -248,9 +249,9 @@ pub fn batch(head: Head, seed: u64, frames: Range<u64>) -> Result<Batch> {
         }
         Ok(batch)
     };
-    let drawn: Vec<Batch> = frames.into_par_iter().map(draw).collect::<Result<_>>()?;
     let mut all = Batch::default();
-    for batch in drawn {
+    for batch in concurrency::map_range(frames, draw) {
+        let batch = batch?;
         all.len += batch.len;
         all.patches.extend(batch.patches);
         all.targets.extend(batch.targets);
@@ -380,7 +381,7 @@ fn each<S: Send>(
         let rendering = training_frame(&config, &mut rng)?;
         Ok(sample(&rendering, &mut rng))
     };
-    (0..frames).into_par_iter().map(one).collect()
+    concurrency::map_range(0..frames, one).into_iter().collect()
 }
 
 impl Score {

@@ -121,7 +121,7 @@ pub fn score(errors: &[OutlineError]) -> OutlineScore {
         .iter()
         .map(|e| e.as_ref().map_or(f64::INFINITY, |(e, _)| size(e)))
         .collect();
-    sizes.sort_by(f64::total_cmp);
+    sizes.sort_unstable_by(f64::total_cmp);
     let clipped: f64 = sizes.iter().map(|e| e.min(CLIPPED)).sum();
     OutlineScore {
         frames: errors.len(),
@@ -140,6 +140,6 @@ pub fn covariance_factor(errors: &[OutlineError]) -> f64 {
         .flatten()
         .filter_map(|(e, covariance)| Some(e.dot(&(covariance.try_inverse()? * e))))
         .collect();
-    lengths.sort_by(f64::total_cmp);
+    lengths.sort_unstable_by(f64::total_cmp);
     lengths.get(lengths.len() / 2).map_or(1.0, |m| m / 2.366)
 }

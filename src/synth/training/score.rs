@@ -101,7 +101,7 @@ pub fn score(matched: &[MatchedPeak], samples: &[Sample], min_probability: f64) 
     let mut errors: Vec<f64> = shown()
         .filter_map(|j| j.error.map(|[u, v]| u.hypot(v)))
         .collect();
-    errors.sort_by(f64::total_cmp);
+    errors.sort_unstable_by(f64::total_cmp);
     DotScore {
         frames: samples.len(),
         dots: samples
@@ -146,7 +146,7 @@ pub fn calibrate(matched: &[MatchedPeak]) -> Calibration {
             Some(e.dot(&(j.peak.covariance.try_inverse()? * e)))
         })
         .collect();
-    lengths.sort_by(f64::total_cmp);
+    lengths.sort_unstable_by(f64::total_cmp);
     let median = lengths.get(lengths.len() / 2).copied();
     Calibration {
         slope,

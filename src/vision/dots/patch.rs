@@ -65,8 +65,8 @@ pub struct Patch {
     framing: Framing,
     /// Mean and standard deviation over the ball before the values were scaled.
     levels: [f32; 2],
-    columns: Side,
-    rows: Side,
+    columns: PatchSide,
+    rows: PatchSide,
     /// Pixels of the image, summed over the rows of one of values.
     summed: Vec<f32>,
 }
@@ -82,7 +82,7 @@ struct Between {
 
 /// The samples of values along a side of a patch.
 #[derive(Debug, Clone, PartialEq)]
-struct Side {
+struct PatchSide {
     places: Vec<Between>,
     /// Samples of a value.
     fine: usize,
@@ -92,7 +92,7 @@ struct Side {
     inside: Vec<bool>,
 }
 
-impl Default for Side {
+impl Default for PatchSide {
     fn default() -> Self {
         Self {
             places: Vec::with_capacity(SIZE * EXPECTED_FINE),
@@ -103,7 +103,7 @@ impl Default for Side {
     }
 }
 
-impl Side {
+impl PatchSide {
     /// Of a ball whose center is at `center` in an image of so many pixels along this side.
     fn look(&mut self, center: f64, step: f64, fine: usize, count: usize) {
         (self.fine, self.count) = (fine, count);
@@ -155,8 +155,8 @@ impl Patch {
             circle: BallCircle::new(Pixel::default(), framing.radius),
             framing,
             levels: [0.0, 1.0],
-            columns: Side::default(),
-            rows: Side::default(),
+            columns: PatchSide::default(),
+            rows: PatchSide::default(),
             summed: Vec::with_capacity(SIZE * EXPECTED_FINE),
         }
     }
@@ -237,25 +237,7 @@ impl Patch {
         seen_at: impl Fn(Pixel) -> Pixel,
     ) {
         let own = (self.framing.scaled_by * self.framing.radius).powi(2);
-        let rim = (self.framing.rim * self.framing.radius).powi(2);
-        let step = self.step();
-        // For each value the outlines that cover it, and whether the rim of one crosses it; none beyond the ball.
-        let of = |at: usize| -> Option<(usize, bool)> {
-            let (column, row) = (at % SIZE, at / SIZE);
-            if squared_out(column, row) > rim {
-                return None;
-            }
-            let Pixel { u, v } = seen_at(self.to_image(column as f64, row as f64));
-            let out = |c: &BallCircle| ((u - c.center.u).hypot(v - c.center.v) - c.radius) / step;
-            let covering = covers.iter().map(out).enumerate();
-            let key = covering
-                .clone()
-                .filter(|(_, out)| *out < EDGE)
-                .fold(0, |key, (k, _)| key | 1 << k);
-            let is_edge = covering.into_iter().any(|(_, out)| out.abs() < EDGE);
-            Some((key, is_edge))
-        };
-        let keys: Vec<Option<(usize, bool)>> = (0..SIZE * SIZE).map(of).collect();
+        let keys = self.covered(covers, seen_at);
         let is_inside = |at: usize| squared_out(at % SIZE, at / SIZE) < own;
         let mean = |key: usize| -> Option<f32> {
             let within = |at: &usize| keys[*at].is_some_and(|k| k.0 == key) && is_inside(*at);
@@ -295,6 +277,32 @@ impl Patch {
             self.levels[0] + middle * self.levels[1],
             spread * self.levels[1],
         ];
+    }
+
+    /// For each value the outlines that cover it, and whether the rim of one crosses it; none beyond the ball.
+    fn covered(
+        &self,
+        covers: &[BallCircle],
+        seen_at: impl Fn(Pixel) -> Pixel,
+    ) -> Vec<Option<(usize, bool)>> {
+        let rim = (self.framing.rim * self.framing.radius).powi(2);
+        let step = self.step();
+        let of = |at: usize| {
+            let (column, row) = (at % SIZE, at / SIZE);
+            if squared_out(column, row) > rim {
+                return None;
+            }
+            let Pixel { u, v } = seen_at(self.to_image(column as f64, row as f64));
+            let out = |c: &BallCircle| ((u - c.center.u).hypot(v - c.center.v) - c.radius) / step;
+            let covering = covers.iter().map(out).enumerate();
+            let key = covering
+                .clone()
+                .filter(|(_, out)| *out < EDGE)
+                .fold(0, |key, (k, _)| key | 1 << k);
+            let is_edge = covering.into_iter().any(|(_, out)| out.abs() < EDGE);
+            Some((key, is_edge))
+        };
+        (0..SIZE * SIZE).map(of).collect()
     }
 
     /// The values, row after row from the top.

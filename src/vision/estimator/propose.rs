@@ -85,7 +85,7 @@ enum Stage {
 }
 
 #[derive(Debug, Clone, Copy)]
-enum Step {
+enum PlanStep {
     At(Proposal),
     /// A ball whose rim was seen where it is expected is not elsewhere.
     EndIfSeen,
@@ -162,7 +162,7 @@ fn smallest(level: u32) -> f64 {
 /// The plan for a frame, and how far it has been carried out. Its memory is reused.
 #[derive(Debug, Default)]
 pub(crate) struct Places {
-    steps: Vec<Step>,
+    steps: Vec<PlanStep>,
     begun: usize,
     /// Those of the step in hand.
     proposals: Vec<Proposal>,
@@ -201,13 +201,13 @@ impl Places {
             Some(known) => Place::Known(known),
             None => Place::Near(expected.circle),
         };
-        self.steps.push(Step::At(Proposal { place, standing }));
+        self.steps.push(PlanStep::At(Proposal { place, standing }));
         if matches!(place, Place::Known(_)) || expected.reach() < SURROUNDINGS {
             return;
         }
         let is_lost = expected.reach() == f64::INFINITY;
         if !is_lost {
-            self.steps.push(Step::EndIfSeen);
+            self.steps.push(PlanStep::EndIfSeen);
         }
         if let Some(hunt) = Hunt::nearby(&expected, image) {
             self.plan_hunt(hunt);
@@ -221,7 +221,7 @@ impl Places {
     fn plan_region(&mut self, part: Roi, is_continued: bool, search: SearchDepth) {
         let is_very_large = part.width * part.height > MAX_THOROUGH;
         let is_thorough = search == SearchDepth::Thorough;
-        let all = Step::At(Proposal::likely(Place::Within(part)));
+        let all = PlanStep::At(Proposal::likely(Place::Within(part)));
         if part.width.max(part.height) <= LARGE {
             return self.steps.push(all);
         }
@@ -236,7 +236,7 @@ impl Places {
         }
         if is_thorough {
             self.steps.push(match is_very_large {
-                true => Step::Shrunk(part),
+                true => PlanStep::Shrunk(part),
                 false => all,
             });
         }
@@ -245,8 +245,8 @@ impl Places {
     fn plan_hunt(&mut self, hunt: Hunt) {
         if !hunt.is_strip() {
             let stages = [Stage::First, Stage::Beyond, Stage::Plain];
-            self.steps.extend(stages.map(|s| Step::Coarse(hunt, s)));
-            self.steps.push(Step::Closer);
+            self.steps.extend(stages.map(|s| PlanStep::Coarse(hunt, s)));
+            self.steps.push(PlanStep::Closer);
         }
     }
 
@@ -325,16 +325,18 @@ impl Estimator {
             places.begun += 1;
             let begun = Instant::now();
             match step {
-                Step::At(proposal) => places.proposals.push(proposal),
-                Step::EndIfSeen if so_far.fit.is_some_and(|f| f.support >= WHOLE) => return None,
-                Step::EndIfSeen => {}
-                Step::Coarse(hunt, stage) => {
+                PlanStep::At(proposal) => places.proposals.push(proposal),
+                PlanStep::EndIfSeen if so_far.fit.is_some_and(|f| f.support >= WHOLE) => {
+                    return None;
+                }
+                PlanStep::EndIfSeen => {}
+                PlanStep::Coarse(hunt, stage) => {
                     let search = &mut ws.searches[usize::from(hunt.is_fine)];
                     let min_radius = self.config.circle.min_radius_px;
                     places.hunt(image, &hunt, stage, min_radius, search);
                 }
-                Step::Closer => places.look_closer(),
-                Step::Shrunk(part) => self.outlines_shrunk(image, &part, places, ws),
+                PlanStep::Closer => places.look_closer(),
+                PlanStep::Shrunk(part) => self.outlines_shrunk(image, &part, places, ws),
             }
             ws.spending.timings.locate += begun.elapsed();
         }

@@ -185,15 +185,14 @@ impl Estimator {
                 };
                 other.clear();
                 other.standing = Standing::Doubtful;
-                match out.pose() {
-                    Some(_) => {
-                        self.find_dots(&crop, &candidate, ws, &mut other);
-                        self.identify(Detections::All, ws, &mut other);
-                    }
-                    None => self.try_outline(&crop, &candidate, hint, ws, &mut other),
+                let has_pose = out.pose().is_some();
+                if has_pose {
+                    self.find_dots(&crop, &candidate, ws, &mut other);
+                    self.identify(Detections::All, ws, &mut other);
+                } else {
+                    self.try_outline(&crop, &candidate, hint, ws, &mut other);
                 }
-                let is_pose =
-                    is_better(&other, out) && (out.pose().is_some() || is_evident(&other));
+                let is_pose = is_better(&other, out) && (has_pose || is_evident(&other));
                 if is_pose || is_mirrored(&other) {
                     std::mem::swap(&mut other, out);
                 }

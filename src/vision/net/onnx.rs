@@ -68,9 +68,9 @@ pub fn to_onnx(weights: &Weights) -> Vec<u8> {
         }),
         opset_import: vec![OperatorSet { version: OPERATORS }],
         metadata_props: vec![
-            Entry::new("slope", calibration.slope),
-            Entry::new("offset", calibration.offset),
-            Entry::new("covariance_factor", calibration.covariance_factor),
+            NodeEntry::new("slope", calibration.slope),
+            NodeEntry::new("offset", calibration.offset),
+            NodeEntry::new("covariance_factor", calibration.covariance_factor),
         ],
     };
     model.encode_to_vec()
@@ -158,7 +158,7 @@ struct Model {
     #[prost(message, repeated, tag = "8")]
     opset_import: Vec<OperatorSet>,
     #[prost(message, repeated, tag = "14")]
-    metadata_props: Vec<Entry>,
+    metadata_props: Vec<NodeEntry>,
 }
 
 #[derive(Clone, PartialEq, Message)]
@@ -168,14 +168,14 @@ struct OperatorSet {
 }
 
 #[derive(Clone, PartialEq, Message)]
-struct Entry {
+struct NodeEntry {
     #[prost(string, tag = "1")]
     key: String,
     #[prost(string, tag = "2")]
     value: String,
 }
 
-impl Entry {
+impl NodeEntry {
     fn new(key: &str, value: f64) -> Self {
         Self {
             key: key.into(),
@@ -309,11 +309,11 @@ struct TensorType {
     #[prost(int32, tag = "1")]
     element: i32,
     #[prost(message, optional, tag = "2")]
-    shape: Option<Shape>,
+    shape: Option<TensorShape>,
 }
 
 #[derive(Clone, PartialEq, Message)]
-struct Shape {
+struct TensorShape {
     #[prost(message, repeated, tag = "1")]
     dim: Vec<Dimension>,
 }
@@ -343,7 +343,7 @@ impl ValueInfo {
             kind: Some(Type {
                 tensor: Some(TensorType {
                     element: FLOAT,
-                    shape: Some(Shape {
+                    shape: Some(TensorShape {
                         dim: vec![batch, fixed(channels), fixed(side), fixed(side)],
                     }),
                 }),

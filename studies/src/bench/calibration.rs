@@ -201,66 +201,16 @@ fn one(
     rng: &mut ChaCha8Rng,
 ) -> Outcome<Option<Measured>> {
     let ball = ball(nominal, px, sigma, rng)?;
-    let mut workspace = estimator.workspace();
-    let mut rotation = random_rotation(rng);
-    let mut axis = random_direction(rng);
-    let about = tangent_frame(&axis)[0];
-    let step = TURNS * std::f64::consts::TAU / frames as f64;
-    let precession = Rotation::from_scaled_axis(about * (std::f64::consts::PI / frames as f64));
-    let mut estimates = Vec::with_capacity(frames);
-    let mut views = vec![[0usize; 2]; ball.drawn.len()];
-    let mut shown = vec![0usize; nominal.len()];
-    for _ in 0..frames {
-        let seen = frame(&ball, rotation, axis * (step * FPS), rng)?;
-        for dot in &seen.dots {
-            if dot.facing > 0.3 {
-                views[dot.index][0] += 1;
-                views[dot.index][1] += usize::from(dot.is_visible());
-            }
-        }
-        for (shown, dot) in shown.iter_mut().zip(nominal.dots()) {
-            *shown += usize::from((seen.rotation * dot).z > FACING);
-        }
-        let mut estimate = FrameEstimate::default();
-        estimator.estimate(
-            &seen.image,
-            &Prior::default(),
-            &Budget::default(),
-            &mut workspace,
-            &mut estimate,
-        );
-        estimates.push(estimate);
-        rotation = Rotation::from_scaled_axis(axis * step) * rotation;
-        axis = precession * axis;
-    }
+    let clip = filmed(nominal, estimator, &ball, frames, rng)?;
     let times: Vec<f64> = (0..frames).map(|k| k as f64 / FPS).collect();
     let config = CalibrationConfig::default();
-    let found = calibrate(nominal, &estimates, Some(&times), &config)?;
-    let calibration = match found {
+    let calibration = match calibrate(nominal, &clip.estimates, Some(&times), &config)? {
         Ok(calibration) => calibration,
         Err(rejection) => {
             eprintln!("rejected: {rejection}");
             return Ok(None);
         }
     };
-    let seen = |j: usize| {
-        let k = ball.numbers.iter().position(|n| *n == j);
-        k.map_or(0.0, |k| views[k][1] as f64 / views[k][0].max(1) as f64)
-    };
-    let hidden = |j: usize| ball.numbers.contains(&j) && seen(j) < HIDDEN;
-    let missing = ball.missing.iter().map(|&j| {
-        let dot = &calibration.dots[j];
-        match dot.state {
-            DotState::Missing => Missing::Named,
-            _ if shown[j] < IN_VIEW => Missing::OutOfView,
-            DotState::Measured => Missing::Taken,
-            _ => Missing::Doubtful,
-        }
-    });
-    let wrong = |(j, d): &(usize, &CalibratedDot)| {
-        d.state == DotState::Missing && !ball.missing.contains(j) && !hidden(*j)
-    };
-    let false_alarms = calibration.dots.iter().enumerate().filter(wrong).count();
     let on_ball = |j: &&usize| calibration.dots[**j].state == DotState::Measured;
     let (mut from, mut to) = (Vec::new(), Vec::new());
     for (drawn, j) in ball.drawn.dots().iter().zip(&ball.numbers) {
@@ -276,40 +226,114 @@ fn one(
         predicted: calibration.dots[j].covariance.trace(),
         on_print: on_print(&ball.scene.surface, a),
     });
-    let line = |(j, dot): (usize, &CalibratedDot)| {
-        let k = ball.numbers.iter().position(|n| *n == j);
-        let at = k.map(|k| ball.drawn.dots()[k]);
-        let [facing, seen] = k.map_or([0; 2], |k| views[k]);
-        format!(
-            "{j},{},{},{:.4},{:.4},{:.4},{:.3},{},{:.1},{facing},{seen},{}",
-            u8::from(k.is_some()),
-            dot.state.as_str(),
-            at.map_or(f64::NAN, |at| angle_between(&(turn * at), &dot.direction))
-                .to_degrees(),
-            dot.covariance.trace().sqrt().to_degrees(),
-            dot.offset_rad().to_degrees(),
-            dot.likeness,
-            dot.views,
-            dot.expected_views,
-            u8::from(at.is_some_and(|at| on_print(&ball.scene.surface, &at)))
-        )
-    };
-    let lines = calibration.dots.iter().enumerate().map(line).collect();
+    let is_doubtful = |j: &&usize| calibration.dots[**j].state == DotState::Doubtful;
     let errors = fresh(nominal, estimator, &ball, &calibration, turn, rng)?;
     Ok(Some(Measured {
-        lines,
+        lines: clip.lines(&ball, &calibration, &turn),
         dots: dots.collect(),
-        missing: missing.collect(),
-        false_alarms,
+        missing: clip.missing(&ball, &calibration),
+        false_alarms: clip.false_alarms(&ball, &calibration),
         noise_scale: calibration.noise_scale,
-        doubtful: ball
-            .numbers
-            .iter()
-            .filter(|j| calibration.dots[**j].state == DotState::Doubtful)
-            .count(),
+        doubtful: ball.numbers.iter().filter(is_doubtful).count(),
         marks: calibration.marks.len(),
         errors,
     }))
+}
+
+/// A clip of a ball, estimated.
+struct Filmed {
+    estimates: Vec<FrameEstimate>,
+    /// In how many frames each drawn dot faces the camera, and in how many of these it is seen.
+    views: Vec<[usize; 2]>,
+    /// In how many frames each nominal dot is in view.
+    shown: Vec<usize>,
+}
+
+fn filmed(
+    nominal: &Pattern,
+    estimator: &Estimator,
+    ball: &Ball,
+    frames: usize,
+    rng: &mut ChaCha8Rng,
+) -> Outcome<Filmed> {
+    let mut workspace = estimator.workspace();
+    let mut rotation = random_rotation(rng);
+    let mut axis = random_direction(rng);
+    let about = tangent_frame(&axis)[0];
+    let step = TURNS * std::f64::consts::TAU / frames as f64;
+    let precession = Rotation::from_scaled_axis(about * (std::f64::consts::PI / frames as f64));
+    let mut clip = Filmed {
+        estimates: Vec::with_capacity(frames),
+        views: vec![[0usize; 2]; ball.drawn.len()],
+        shown: vec![0usize; nominal.len()],
+    };
+    for _ in 0..frames {
+        let seen = frame(ball, rotation, axis * (step * FPS), rng)?;
+        for dot in seen.dots.iter().filter(|dot| dot.facing > 0.3) {
+            clip.views[dot.index][0] += 1;
+            clip.views[dot.index][1] += usize::from(dot.is_visible());
+        }
+        for (shown, dot) in clip.shown.iter_mut().zip(nominal.dots()) {
+            *shown += usize::from((seen.rotation * dot).z > FACING);
+        }
+        let (mut estimate, prior) = (FrameEstimate::default(), Prior::default());
+        let budget = Budget::default();
+        estimator.estimate(&seen.image, &prior, &budget, &mut workspace, &mut estimate);
+        clip.estimates.push(estimate);
+        rotation = Rotation::from_scaled_axis(axis * step) * rotation;
+        axis = precession * axis;
+    }
+    Ok(clip)
+}
+
+impl Filmed {
+    /// What is said of the dots that are not on the ball.
+    fn missing(&self, ball: &Ball, calibration: &Calibration) -> Vec<Missing> {
+        let said = |&j: &usize| match calibration.dots[j].state {
+            DotState::Missing => Missing::Named,
+            _ if self.shown[j] < IN_VIEW => Missing::OutOfView,
+            DotState::Measured => Missing::Taken,
+            _ => Missing::Doubtful,
+        };
+        ball.missing.iter().map(said).collect()
+    }
+
+    /// Dots on the ball, not hidden, that are called missing.
+    fn false_alarms(&self, ball: &Ball, calibration: &Calibration) -> usize {
+        let seen = |j: usize| {
+            let k = ball.numbers.iter().position(|n| *n == j);
+            let [facing, seen] = k.map_or([0; 2], |k| self.views[k]);
+            seen as f64 / facing.max(1) as f64
+        };
+        let hidden = |j: usize| ball.numbers.contains(&j) && seen(j) < HIDDEN;
+        let wrong = |(j, d): &(usize, &CalibratedDot)| {
+            d.state == DotState::Missing && !ball.missing.contains(j) && !hidden(*j)
+        };
+        calibration.dots.iter().enumerate().filter(wrong).count()
+    }
+
+    /// A line of numbers for each dot.
+    fn lines(&self, ball: &Ball, calibration: &Calibration, turn: &Rotation) -> Vec<String> {
+        let line = |(j, dot): (usize, &CalibratedDot)| {
+            let k = ball.numbers.iter().position(|n| *n == j);
+            let at = k.map(|k| ball.drawn.dots()[k]);
+            let [facing, seen] = k.map_or([0; 2], |k| self.views[k]);
+            format!(
+                "{j},{},{},{:.4},{:.4},{:.4},{:.3},{},{:.1},{facing},{seen},{}",
+                u8::from(k.is_some()),
+                dot.state.as_str(),
+                at.map_or(f64::NAN, |at| angle_between(&(turn * at), &dot.direction))
+                    .to_degrees(),
+                dot.covariance.trace().sqrt().to_degrees(),
+                dot.offset_rad().to_degrees(),
+                dot.likeness,
+                dot.views,
+                dot.expected_views,
+                u8::from(at.is_some_and(|at| on_print(&ball.scene.surface, &at)))
+            )
+        };
+        calibration.dots.iter().enumerate().map(line).collect()
+    }
 }
 
 /// Whether a dot at this place is drawn on a logo or a seam, or within half its radius of them.

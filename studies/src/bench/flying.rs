@@ -128,44 +128,71 @@ fn clip(
         ..ClipConfig::default()
     };
     let clip = Sequence::of_balls(&patterns[..balls], &config, &timing, seed, count)?;
-    let mut ws = all.workspace()?;
-    let mut own = all.estimators()[0].workspace();
     let mut flown = Flown {
         balls,
         ..Flown::default()
     };
-    let (mut truths, mut frames): (Vec<Vec<BallTruth>>, Vec<Vec<BallEstimate>>) =
-        (Vec::new(), Vec::new());
-    let mut images = Vec::with_capacity(count);
-    let budget = Budget::default();
-    for k in 0..count {
-        let frame = clip.frame(k)?;
-        let gray = frame.image.to_gray();
-        let mut out = FrameEstimate::default();
-        let begun = ThreadTime::now();
-        all.estimators()[0].estimate(&gray, &Prior::default(), &budget, &mut own, &mut out);
-        flown.alone_ms += 1e3 * begun.elapsed().as_secs_f64() / count as f64;
-        let begun = ThreadTime::now();
-        frames.push(all.estimate(&gray, None, &[], &budget, &mut ws));
-        flown.ms += 1e3 * begun.elapsed().as_secs_f64() / count as f64;
-        truths.push(frame.truth.balls);
-        images.push(gray);
-    }
+    let (truths, mut frames) = flown.estimated(all, &clip, count)?;
     let times: Vec<f64> = (0..count).map(|k| k as f64 / timing.fps).collect();
-    let begun = ThreadTime::now();
-    let missing = missing_balls(SpinConfig::default(), &times, &frames);
-    for ((image, balls), expected) in images.iter().zip(&mut frames).zip(&missing) {
-        let before = std::mem::take(balls);
-        *balls = all.look_again(image, before, expected, &budget, &mut ws);
-    }
-    flown.ms += 1e3 * begun.elapsed().as_secs_f64() / count as f64;
     let numbered = number_balls(SpinConfig::default(), &times, &mut frames);
     // Which balls each number was given to.
     let mut given: Vec<Vec<u64>> = vec![vec![0; balls]; numbered.tables.len()];
     for ((truth, found), numbers) in truths.iter().zip(&frames).zip(&numbered.numbers) {
+        flown.judge_frame(truth, found, numbers, &mut given, failures.then_some(seed));
+    }
+    flown.judge_numbers(&given, &numbered.tables);
+    Ok(flown)
+}
+
+impl Flown {
+    /// The clip's truth, and what is found in it, with a second look where balls are missing; its costs are remembered.
+    fn estimated(
+        &mut self,
+        all: &BallsEstimator,
+        clip: &Sequence,
+        count: usize,
+    ) -> spindoe::Result<(Vec<Vec<BallTruth>>, Vec<Vec<BallEstimate>>)> {
+        let mut ws = all.workspace()?;
+        let mut own = all.estimators()[0].workspace();
+        let (mut truths, mut frames) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let (mut images, mut times) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let budget = Budget::default();
+        for k in 0..count {
+            let frame = clip.frame(k)?;
+            let gray = frame.image.to_gray();
+            let mut out = FrameEstimate::default();
+            let begun = ThreadTime::now();
+            all.estimators()[0].estimate(&gray, &Prior::default(), &budget, &mut own, &mut out);
+            self.alone_ms += 1e3 * begun.elapsed().as_secs_f64() / count as f64;
+            let begun = ThreadTime::now();
+            frames.push(all.estimate(&gray, None, &[], &budget, &mut ws));
+            self.ms += 1e3 * begun.elapsed().as_secs_f64() / count as f64;
+            times.extend(frame.truth.time_s);
+            truths.push(frame.truth.balls);
+            images.push(gray);
+        }
+        let begun = ThreadTime::now();
+        let missing = missing_balls(SpinConfig::default(), &times, &frames);
+        for ((image, balls), expected) in images.iter().zip(&mut frames).zip(&missing) {
+            let before = std::mem::take(balls);
+            *balls = all.look_again(image, before, expected, &budget, &mut ws);
+        }
+        self.ms += 1e3 * begun.elapsed().as_secs_f64() / count as f64;
+        Ok((truths, frames))
+    }
+
+    /// Counts what is right in a frame, and to which balls numbers were `given`; of the clip `said` each failure is printed.
+    fn judge_frame(
+        &mut self,
+        truth: &[BallTruth],
+        found: &[BallEstimate],
+        numbers: &[Option<usize>],
+        given: &mut [Vec<u64>],
+        said: Option<u64>,
+    ) {
         for image in truth {
             let is_seen = image.area_visible >= SEEN;
-            flown.visible += u64::from(is_seen);
+            self.visible += u64::from(is_seen);
             let there = found.iter().zip(numbers).filter(|(b, _)| {
                 // Where one ball is before another, what is found is the one in front.
                 let at = truth.iter().filter(|t| is_at(b, t));
@@ -173,79 +200,77 @@ fn clip(
                 shown.is_some_and(|t| t.ball == image.ball)
             });
             let Some((ball, number)) = there.max_by_key(|(b, _)| b.frame.pose().is_some()) else {
-                if failures && is_seen {
-                    let near = found.iter().filter_map(|b| {
-                        let c = b.circle()?;
-                        let off = (c.center.u - image.center.u).hypot(c.center.v - image.center.v);
-                        (off < image.radius_px).then_some((off, c.radius, b.frame.pose().is_some()))
-                    });
-                    eprintln!(
-                        "clip {seed}: ball {} of radius {:.1} with {:.2} of its area and {:.2} of its rim is missed; near it {:.1?}",
-                        image.ball,
-                        image.radius_px,
-                        image.area_visible,
-                        image.rim_visible,
-                        near.collect::<Vec<_>>()
-                    );
+                if let Some(seed) = said.filter(|_| is_seen) {
+                    say_missed(seed, image, found);
                 }
                 continue;
             };
-            flown.found += u64::from(is_seen);
+            self.found += u64::from(is_seen);
             let Some(pose) = ball.frame.pose() else {
                 continue;
             };
-            flown.posed += u64::from(is_seen);
+            self.posed += u64::from(is_seen);
             let is_other = ball.table != image.ball;
             let error = pose.rotation.angle_to(&image.orientation());
             let is_wrong = is_other || error > ORIENTATION_FAILURE_RAD;
-            if failures && is_wrong {
+            if let Some(seed) = said.filter(|_| is_wrong) {
                 eprintln!(
                     "clip {seed}: ball {} as {}: {:.2} rad, {:.3}",
                     image.ball, ball.table, error, pose.confidence
                 );
             }
-            flown.wrong += u64::from(is_wrong);
-            flown.other_table += u64::from(is_other);
+            self.wrong += u64::from(is_wrong);
+            self.other_table += u64::from(is_other);
             if let Some(number) = number {
                 given[*number][image.ball] += 1;
             }
         }
         let posed = found.iter().filter(|b| b.frame.pose().is_some());
-        let invented = posed.filter(|b| {
-            let is_there = truth.iter().any(|t| is_at(b, t));
-            if !is_there && failures {
-                let off = truth.iter().map(|t| {
-                    let c = b
-                        .circle()
-                        .unwrap_or(spindoe::vision::BallCircle::new(t.center, 0.0));
-                    (
-                        (c.center.u - t.center.u).hypot(c.center.v - t.center.v),
-                        c.radius,
-                        t.radius_px,
-                    )
-                });
-                eprintln!(
-                    "clip {seed}: invented table {}, {:.1?}",
-                    b.table,
-                    off.collect::<Vec<_>>()
-                );
+        for ball in posed.filter(|b| !truth.iter().any(|t| is_at(b, t))) {
+            self.invented += 1;
+            if let Some(seed) = said {
+                let off = truth.iter().map(|t| distance(ball, t));
+                let off: Vec<_> = off.collect();
+                eprintln!("clip {seed}: invented table {}, {off:.1?}", ball.table);
             }
-            !is_there
-        });
-        flown.invented += invented.count() as u64;
-    }
-    flown.swapped = given
-        .iter()
-        .filter(|to| to.iter().filter(|n| **n > 0).count() > 1)
-        .count() as u64;
-    let numbers_of = |ball: usize| given.iter().filter(|to| to[ball] > 0).count();
-    flown.split = (0..balls).filter(|b| numbers_of(*b) > 1).count() as u64;
-    for (to, (table, _)) in given.iter().zip(&numbered.tables) {
-        let most = (0..balls).max_by_key(|b| to[*b]).filter(|b| to[*b] > 0);
-        if let Some(ball) = most {
-            flown.named += 1;
-            flown.misnamed += u64::from(ball != *table);
         }
     }
-    Ok(flown)
+
+    fn judge_numbers(&mut self, given: &[Vec<u64>], tables: &[(usize, f64)]) {
+        let was_given = |to: &&Vec<u64>| to.iter().filter(|n| **n > 0).count() > 1;
+        self.swapped = given.iter().filter(was_given).count() as u64;
+        let numbers_of = |ball: usize| given.iter().filter(|to| to[ball] > 0).count();
+        self.split = (0..self.balls).filter(|b| numbers_of(*b) > 1).count() as u64;
+        for (to, (table, _)) in given.iter().zip(tables) {
+            let most = (0..self.balls).max_by_key(|b| to[*b]);
+            if let Some(ball) = most.filter(|b| to[*b] > 0) {
+                self.named += 1;
+                self.misnamed += u64::from(ball != *table);
+            }
+        }
+    }
+}
+
+fn say_missed(seed: u64, image: &BallTruth, found: &[BallEstimate]) {
+    let near = found.iter().filter_map(|b| {
+        let c = b.circle()?;
+        let off = (c.center.u - image.center.u).hypot(c.center.v - image.center.v);
+        (off < image.radius_px).then_some((off, c.radius, b.frame.pose().is_some()))
+    });
+    eprintln!(
+        "clip {seed}: ball {} of radius {:.1} with {:.2} of its area and {:.2} of its rim is missed; near it {:.1?}",
+        image.ball,
+        image.radius_px,
+        image.area_visible,
+        image.rim_visible,
+        near.collect::<Vec<_>>()
+    );
+}
+
+/// How far a ball that is found is from a true one, and both radii, pixels.
+fn distance(ball: &BallEstimate, truth: &BallTruth) -> (f64, f64, f64) {
+    let found = ball.circle();
+    let found = found.unwrap_or(spindoe::vision::BallCircle::new(truth.center, 0.0));
+    let (a, b) = (found.center, truth.center);
+    ((a.u - b.u).hypot(a.v - b.v), found.radius, truth.radius_px)
 }

@@ -10,6 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use spindoe::Vec3;
 use spindoe::clip::{FocalDoubt, SeenOval, focal_doubt};
+use spindoe::geometry::Rotation;
 use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
 use spindoe::stats::Proportion;
@@ -142,41 +143,7 @@ impl Args {
                 ..EstimatorConfig::default()
             };
             let estimator = Estimator::new(pattern, config, DetectorName::Cnn.build()?)?;
-            let mut ws = estimator.workspace();
-            let mut seen = Vec::new();
-            let mut posed = 0;
-            for (image, circle) in clip.images.iter().zip(&clip.circles) {
-                // What is sought is not whether the ball is found.
-                let prior = Prior {
-                    outline: Some(OutlinePrior {
-                        circle: *circle,
-                        sigma_px: NEAR * circle.radius,
-                    }),
-                    ..Prior::default()
-                };
-                let mut found = FrameEstimate::default();
-                let budget = Budget::default();
-                estimator.estimate(image, &prior, &budget, &mut ws, &mut found);
-                posed += usize::from(found.pose().is_some());
-                let one = found
-                    .pose()
-                    .and_then(|_| SeenOval::of(&found, clip.rolling));
-                if let (true, Some(one)) = (self.outlines, one) {
-                    let (s, c) = (one.oval.stretch_px, one.oval.covariance);
-                    let ray = k.ray(circle.center).map_or(0.0, |r| r.xy().norm().atan());
-                    println!(
-                        "{seed} {} {:.1} {:.1} {:.3} {:.3} {:.3} {:.3}",
-                        clip.words,
-                        ray.to_degrees(),
-                        one.circle.radius,
-                        clip.rolling,
-                        s.x,
-                        s.y,
-                        (0.5 * c.trace()).sqrt()
-                    );
-                }
-                seen.extend(one);
-            }
+            let (seen, posed) = self.ovals(&estimator, &clip, &k, seed);
             if self.outlines {
                 println!(
                     "seed {seed} {name} {}: radius {:.0}, {:.0} deg, {posed} poses, {} outlines",
@@ -196,6 +163,61 @@ impl Args {
             off_deg: clip.off_deg,
             doubts,
         })
+    }
+
+    /// How far outlines are drawn out in the frames of a clip that have a pose, and how many those are.
+    fn ovals(
+        &self,
+        estimator: &Estimator,
+        clip: &Clip,
+        k: &Intrinsics,
+        seed: u64,
+    ) -> (Vec<SeenOval>, usize) {
+        let mut ws = estimator.workspace();
+        let (mut seen, mut posed) = (Vec::new(), 0);
+        for (image, circle) in clip.images.iter().zip(&clip.circles) {
+            // What is sought is not whether the ball is found.
+            let prior = Prior {
+                outline: Some(OutlinePrior {
+                    circle: *circle,
+                    sigma_px: NEAR * circle.radius,
+                }),
+                ..Prior::default()
+            };
+            let (mut found, budget) = (FrameEstimate::default(), Budget::default());
+            estimator.estimate(image, &prior, &budget, &mut ws, &mut found);
+            posed += usize::from(found.pose().is_some());
+            let posed = found.pose();
+            let one = posed.and_then(|_| SeenOval::of(&found, clip.rolling));
+            if let (true, Some(one)) = (self.outlines, one) {
+                let (s, c) = (one.oval.stretch_px, one.oval.covariance);
+                let ray = k.ray(circle.center).map_or(0.0, |r| r.xy().norm().atan());
+                println!(
+                    "{seed} {} {:.1} {:.1} {:.3} {:.3} {:.3} {:.3}",
+                    clip.words,
+                    ray.to_degrees(),
+                    one.circle.radius,
+                    clip.rolling,
+                    s.x,
+                    s.y,
+                    (0.5 * c.trace()).sqrt()
+                );
+            }
+            seen.extend(one);
+        }
+        (seen, posed)
+    }
+
+    /// Where a ball is in the first frame, and its way to the next, pixels: it stays whole in the picture, and before the camera.
+    fn path(&self, axis: Pixel, radius: f64, rng: &mut ChaCha8Rng) -> ([f64; 2], [f64; 2]) {
+        let room = SIZE.map(|side| (0.5 * side as f64 - 1.3 * radius).max(1.0));
+        let mut place =
+            || [0, 1].map(|k| [axis.u, axis.v][k] + room[k] * rng.random_range(-1.0..1.0));
+        let (from, to) = (place(), place());
+        let crosses = rng.random_bool(0.6);
+        let count = self.frames.max(2) as f64;
+        let way = [0, 1].map(|k| (to[k] - from[k]) / (count - 1.0));
+        (from, if crosses { way } else { [0.0; 2] })
     }
 
     fn clip(&self, pattern: &Pattern, seed: u64) -> spindoe::Result<Clip> {
@@ -227,22 +249,8 @@ impl Args {
         };
         let mut scene = Scene::random(pattern, &config, &mut rng)?;
         scene.camera = Camera::Perspective(pinhole);
-        // The ball stays whole in the picture, and before the camera.
-        let room = [width, height].map(|side| (0.5 * side - 1.3 * radius).max(1.0));
-        let mut place = || {
-            [0, 1].map(|k| {
-                let middle = [axis.u, axis.v][k];
-                middle + room[k] * rng.random_range(-1.0..1.0)
-            })
-        };
-        let (from, mut to) = (place(), place());
-        let crosses = rng.random_bool(0.6);
-        if !crosses {
-            to = from;
-        }
+        let (from, way) = self.path(axis, radius, &mut rng);
         let rolls = rng.random_bool(0.4);
-        let count = self.frames.max(2) as f64;
-        let way = [0, 1].map(|k| (to[k] - from[k]) / (count - 1.0));
         scene.velocity_px_s = way.map(|w| w * FPS);
         scene.shift_px = way.map(|w| w * FPS * scene.exposure_s.min(1.0 / FPS));
         scene.row_s = match rolls {
@@ -256,25 +264,16 @@ impl Args {
         for frame in 0..self.frames {
             let t = frame as f64;
             let mut scene = scene.clone();
-            scene.circle = BallCircle::new(
-                Pixel {
-                    u: from[0] + t * way[0],
-                    v: from[1] + t * way[1],
-                },
-                radius,
-            );
+            let center = Pixel {
+                u: from[0] + t * way[0],
+                v: from[1] + t * way[1],
+            };
+            scene.circle = BallCircle::new(center, radius);
             let angle = (turn * t).rem_euclid(TAU);
-            scene.rotation = spindoe::geometry::Rotation::from_scaled_axis(axis_of_spin * angle)
-                * scene.rotation;
+            scene.rotation = Rotation::from_scaled_axis(axis_of_spin * angle) * scene.rotation;
             scene.noise_seed = rng.random();
-            circles.push(BallCircle::new(
-                k.project(
-                    &pinhole
-                        .ray(scene.circle.center)
-                        .unwrap_or_else(|| -Vec3::z()),
-                ),
-                radius,
-            ));
+            let ray = pinhole.ray(center).unwrap_or_else(|| -Vec3::z());
+            circles.push(BallCircle::new(k.project(&ray), radius));
             let drawn = Sequence::of_scene(scene, FPS, seed, 1).frame(0)?.image;
             images.push(seen_through(&drawn, &pinhole, &k)?);
         }

@@ -72,16 +72,20 @@ impl Args {
                 share(&|j| told.map_or(j.told.anything(), |told| told(&j.told))),
                 figure(median, 2, "%")
             );
-            if self.verbose {
-                for (i, j) in judged
-                    .iter()
-                    .enumerate()
-                    .filter(|(_, j)| j.fate != Fate::Right)
-                {
-                    println!("{name} {i}: {}", j.words);
-                }
-            }
+            self.say_each(name, &judged);
         }
+        self.slowest_of_equals();
+        Ok(())
+    }
+
+    fn say_each(&self, name: &str, judged: &[Judged]) {
+        let judged = judged.iter().enumerate();
+        for (i, j) in judged.filter(|(_, j)| self.verbose && j.fate != Fate::Right) {
+            println!("{name} {i}: {}", j.words);
+        }
+    }
+
+    fn slowest_of_equals(&self) {
         println!(
             "\nThe slowest of equals: 0.1 to 5 rps (below half the rate), {NOISE_DEG} deg, 10 to 300 frames"
         );
@@ -102,15 +106,7 @@ impl Args {
                     judge(&turning(rng, rps, NOISE_DEG, &times))
                 })
                 .collect();
-            if self.verbose {
-                for (i, j) in fates
-                    .iter()
-                    .enumerate()
-                    .filter(|(_, j)| j.fate != Fate::Right)
-                {
-                    println!("{fps} fps {i}: {}", j.words);
-                }
-            }
+            self.say_each(&format!("{fps} fps"), &fates);
             let share = |fate: Fate| {
                 Proportion::new(
                     fates.iter().filter(|j| j.fate == fate).count() as u64,
@@ -119,6 +115,5 @@ impl Args {
             };
             row!(table; fps, share(Fate::Wrong), share(Fate::Rejected));
         }
-        Ok(())
     }
 }

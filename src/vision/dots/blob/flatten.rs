@@ -36,7 +36,7 @@ pub(crate) fn harmonics([x, y, z]: [f64; 3]) -> [f64; TERMS] {
 
 /// A pixel of the ball.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct BarePlace {
     index: usize,
     terms: SVector<f32, TERMS>,
     ring: Option<usize>,
@@ -45,7 +45,7 @@ struct Place {
 /// The ball's pixels and the functions of its surface there.
 #[derive(Debug, Clone)]
 pub(crate) struct Shading {
-    places: Vec<Place>,
+    places: Vec<BarePlace>,
     mask: Vec<f32>,
 }
 
@@ -84,7 +84,7 @@ impl Shading {
             let z = (1.0 - out * out).max(0.0).sqrt();
             let terms = harmonics([x, y, z]);
             let ring = (out - RINGS_FROM) / (OUTLINE - RINGS_FROM) * RINGS as f64;
-            places.push(Place {
+            places.push(BarePlace {
                 index,
                 terms: SVector::from(terms.map(|t| t as f32)),
                 ring: (ring >= 0.0).then_some((ring as usize).min(RINGS - 1)),
@@ -125,7 +125,7 @@ impl Shading {
             // The first fits are drawn down by the dots: what is brighter than they are is the
             // better measure.
             flat.residuals.clear();
-            let residual = |p: &Place| values[p.index] - p.terms.dot(&surface);
+            let residual = |p: &BarePlace| values[p.index] - p.terms.dot(&surface);
             flat.residuals
                 .extend(self.places.iter().step_by(STRIDE).map(residual));
             let absolute = flat.residuals.iter().map(|r| r.abs());
@@ -146,7 +146,7 @@ impl Shading {
     /// Takes off each ring's median.
     fn level_rings(&self, flat: &mut Flat) {
         for ring in 0..RINGS {
-            let in_ring = |p: &&Place| p.ring == Some(ring);
+            let in_ring = |p: &&BarePlace| p.ring == Some(ring);
             flat.sorted.clear();
             let values = &flat.values;
             flat.sorted

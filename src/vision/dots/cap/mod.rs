@@ -137,14 +137,14 @@ impl Default for CapFitter {
 }
 
 /// The weighted normal equations at a state.
-struct Equations<const N: usize> {
+struct CapEquations<const N: usize> {
     information: SMatrix<f64, N, N>,
     gradient: SVector<f64, N>,
     /// Weighted mean square of the residuals.
     variance: f64,
 }
 
-impl<const N: usize> Equations<N> {
+impl<const N: usize> CapEquations<N> {
     /// The covariance of the unknowns.
     fn covariance(&self) -> Option<SMatrix<f64, N, N>> {
         let spread = self.variance / LOSS.information();
@@ -320,7 +320,7 @@ impl CapFitter {
         state: &State,
         expected: &[(f64, f64); 3],
         variance: Option<f64>,
-    ) -> Option<Equations<N>> {
+    ) -> Option<CapEquations<N>> {
         let mut sums = Sums::<N>::default();
         for sample in &self.samples {
             let (shown, by) = state.shown(disc, sample);
@@ -337,7 +337,7 @@ impl CapFitter {
         let free = self.samples.len().saturating_sub(N);
         let share = free as f64 / self.samples.len() as f64;
         let variance = sums.squares / (sums.weights * share);
-        (variance.is_finite() && free > 0).then(|| Equations {
+        (variance.is_finite() && free > 0).then(|| CapEquations {
             information: sums.symmetric(),
             gradient: SVector::from(sums.gradient),
             variance: variance.max(LEAST_VARIANCE),
@@ -371,7 +371,7 @@ fn judged(
     view: &BallView,
     state: &State,
     tangents: &[Vec3; 2],
-    fit: &Equations<UNKNOWNS>,
+    fit: &CapEquations<UNKNOWNS>,
 ) -> Option<Cap> {
     let stored = |light: f64| Tone::shown(state.bend, light.max(DARKEST)).0;
     let contrast = stored(state.light) - stored(state.light * (1.0 - state.ink));

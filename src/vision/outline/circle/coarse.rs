@@ -195,20 +195,15 @@ impl CoarseSearch {
                     for k in 0..self.centers.len() {
                         let center = self.centers[k];
                         let image = if is_plain { &plain } else { &self.sizes[size] };
-                        let sign = polarity.sign();
-                        let voted = voted.clone();
+                        let (voted, sign) = (voted.clone(), polarity.sign());
                         let Some((radius, support)) =
                             self.unrolled.radius(image, &center, voted, sign)
                         else {
                             continue;
                         };
-                        let circle = grid.circle_to_image(&BallCircle::new(
-                            Pixel {
-                                u: center.u,
-                                v: center.v,
-                            },
-                            radius,
-                        ));
+                        let Center { u, v, .. } = center;
+                        let circle = BallCircle::new(Pixel { u, v }, radius);
+                        let circle = grid.circle_to_image(&circle);
                         if circle.radius < radii.0 || circle.radius > radii.1 {
                             continue;
                         }

@@ -12,6 +12,13 @@ pub(crate) const MAX: usize = 20;
 const STRONG: usize = 64;
 /// Gradients below this part of the strong ones do not vote: shading, noise.
 const WEAK: f32 = 0.15;
+/// Gradients below so many deviations of the noise do not vote either: their direction is off by half a radian, and their votes by half
+/// a radius. The noise is that of the gradients' lowest tenth, since a tenth of all places is bare, whatever is painted on the others; so
+/// many places show it.
+const NOISE: f32 = 2.0;
+const NOISE_PLACES: usize = 4096;
+/// Of lengths of a Gaussian vector the lowest tenth's largest over the deviation of its components (Rayleigh).
+const LOWEST_TENTH: f32 = 0.459;
 /// Edges this near to a circle's rim, in radii and at least in pixels, are the circle's.
 const RIM: f64 = 0.2;
 const MIN_RIM: f64 = 2.0;
@@ -39,6 +46,8 @@ pub(crate) struct Votes {
     threes: Vec<f32>,
     /// The length of a strong gradient; 0 where there is none.
     strong: f32,
+    /// The least length of a gradient that votes.
+    least: f32,
 }
 
 impl Votes {
@@ -77,10 +86,16 @@ impl Votes {
                 }
             }
         }
+        let stride = self.gradients.len().div_ceil(NOISE_PLACES);
+        let places = self.gradients.iter().step_by(stride);
+        self.lengths.clear();
+        self.lengths.extend(places.map(|[.., length]| length));
+        let noise = self.length_of_rank(9 * self.lengths.len() / 10) / LOWEST_TENTH;
         self.lengths.clear();
         self.lengths
             .extend(self.gradients.iter().map(|[.., length]| length));
-        self.strong = self.strong_length();
+        self.strong = self.length_of_rank(STRONG.min(self.lengths.len() - 1));
+        self.least = (WEAK * self.strong).max(NOISE * noise);
     }
 
     /// Casts the votes of all edges for centers at these distances: uphill of edges (`sign` 1, balls brighter than what
@@ -95,7 +110,7 @@ impl Votes {
         for v in 0..self.height {
             for u in 0..self.width {
                 let [x, y, length] = self.gradients[v * self.width + u];
-                if length < WEAK * strong {
+                if length < self.least {
                     continue;
                 }
                 let weight = length.min(strong);
@@ -130,9 +145,8 @@ impl Votes {
         }
     }
 
-    /// The length of a strong edge's gradient.
-    fn strong_length(&mut self) -> f32 {
-        let rank = STRONG.min(self.lengths.len() - 1);
+    /// The length of so many-th rank, the largest first.
+    fn length_of_rank(&mut self, rank: usize) -> f32 {
         *self
             .lengths
             .select_nth_unstable_by(rank, |a, b| b.total_cmp(a))

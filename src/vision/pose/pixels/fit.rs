@@ -141,7 +141,7 @@ impl Fit {
 
 /// A visible dot.
 #[derive(Debug, Clone, Copy)]
-struct Seen {
+struct SeenPixels {
     name: u16,
     at: Pixel,
     blob: Blob,
@@ -155,7 +155,7 @@ struct Seen {
 /// Fits; keeps its memory.
 #[derive(Debug, Clone)]
 pub(crate) struct Fitter {
-    seen: Vec<Seen>,
+    seen: Vec<SeenPixels>,
 }
 
 impl Default for Fitter {
@@ -240,7 +240,7 @@ impl Fitter {
             ..
         } = *problem;
         let at = pixels.at(sample, is_mirrored);
-        let covered = |dot: &Seen| dot.blob.at(&off(at, dot)).map_or(0.0, |(c, _)| c);
+        let covered = |dot: &SeenPixels| dot.blob.at(&off(at, dot)).map_or(0.0, |(c, _)| c);
         let covered: f64 = self.seen.iter().map(covered).sum();
         let shades = pixels.shades(sample, is_mirrored);
         let light: f64 = shades.iter().zip(&fit.light).map(|(s, l)| s * l).sum();
@@ -272,7 +272,7 @@ impl Fitter {
             if let Some(rate) = view.by_inverse_distance(&direction) {
                 by.fixed_view_mut::<2, 1>(0, 6).copy_from(&rate);
             }
-            self.seen.push(Seen {
+            self.seen.push(SeenPixels {
                 name,
                 at,
                 blob: Blob::new(place, direction.z - horizon, radius, blur)?,
@@ -369,6 +369,6 @@ impl Fitter {
 }
 
 /// From a dot to a pixel.
-fn off(at: Pixel, dot: &Seen) -> Vector2<f64> {
+fn off(at: Pixel, dot: &SeenPixels) -> Vector2<f64> {
     Vector2::new(at.u - dot.at.u - dot.moved.x, at.v - dot.at.v - dot.moved.y)
 }

@@ -99,7 +99,7 @@ pub(crate) struct Refiner {
 }
 
 /// Normal equations, and minus two log-likelihoods.
-type Equations = Normal<PARAMETERS>;
+type PoseEquations = Normal<PARAMETERS>;
 
 /// Where the iteration stands.
 #[derive(Clone, Copy)]
@@ -194,17 +194,10 @@ impl Refiner {
             ..
         } = &readings.best;
         frame.assignment.fill(None);
-        let (mut angles, mut distances) = (0.0, 0.0);
         for m in &*matches {
             frame.assignment[m.detection] = Some(m.name);
-            let expected = state.rotation * names[usize::from(m.name)];
-            let pixel = frame.dots[m.detection].pixel;
-            distances += offset(pixel, state.view.project(&expected)).norm_squared();
-            if let Some(seen) = state.view.direction(pixel) {
-                angles += angle_between(&seen, &expected).powi(2);
-            }
         }
-        let count = matches.len() as f64;
+        let [residual_rad, residual_px] = residuals(names, state, frame, matches);
         let covariance = readings.covariance()?;
         let joint = covariance.fixed_view::<6, 6>(0, 0).into_owned();
         let placed = position::of_pose(&state.view, &joint, self.ball_radius_m);
@@ -221,19 +214,17 @@ impl Refiner {
             covariance: of_rotation,
             position,
             distance: match prior.camera {
-                CameraModel::Unknown(_) => Some(CameraDistance {
-                    inverse_distance: state.view.horizon(),
-                    sigma: covariance[(6, 6)].max(0.0).sqrt(),
-                }),
+                CameraModel::Unknown(_) => Some(covariance[(6, 6)].max(0.0).sqrt()),
                 CameraModel::Known(Camera::Perspective(_)) => None,
-                CameraModel::Known(_) => Some(CameraDistance {
-                    inverse_distance: state.view.horizon(),
-                    sigma: 0.0,
-                }),
-            },
+                CameraModel::Known(_) => Some(0.0),
+            }
+            .map(|sigma| CameraDistance {
+                inverse_distance: state.view.horizon(),
+                sigma,
+            }),
             evidence: self.evidence(names, reading, state, frame, matches),
-            residual_rad: (angles / count).sqrt(),
-            residual_px: (distances / count).sqrt(),
+            residual_rad,
+            residual_px,
         })
     }
 
@@ -321,7 +312,7 @@ impl Refiner {
         state: &PoseState,
         frame: &FrameEstimate,
         matches: &[Match],
-        equations: &mut Equations,
+        equations: &mut PoseEquations,
     ) -> Option<Spread> {
         let mut spread = Spread::default();
         let off_axis = state.view.off_axis(DIFFERENCE);
@@ -433,6 +424,25 @@ fn by_parameters(
         }
     }
     Some(by)
+}
+
+/// Root mean squares between where dots are seen and where the pose has them: angles, radians, and distances, pixels.
+fn residuals(
+    names: &[Vec3],
+    state: &PoseState,
+    frame: &FrameEstimate,
+    matches: &[Match],
+) -> [f64; 2] {
+    let (mut angles, mut distances) = (0.0, 0.0);
+    for m in matches {
+        let expected = state.rotation * names[usize::from(m.name)];
+        let pixel = frame.dots[m.detection].pixel;
+        distances += offset(pixel, state.view.project(&expected)).norm_squared();
+        if let Some(seen) = state.view.direction(pixel) {
+            angles += angle_between(&seen, &expected).powi(2);
+        }
+    }
+    [angles, distances].map(|sum: f64| (sum / matches.len() as f64).sqrt())
 }
 
 /// From `b` to `a`, pixels.

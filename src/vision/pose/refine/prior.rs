@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2};
 
-use super::{Equations, PARAMETERS, offset};
+use super::{PARAMETERS, PoseEquations, offset};
 use crate::geometry::Vec3;
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::Axis;
@@ -34,14 +34,14 @@ pub(crate) struct Prior {
 
 impl Prior {
     /// What it says at a view; `of_outline` is the inverse of the outline's covariance.
-    pub(super) fn equations(&self, of_outline: &Matrix3<f64>, view: &BallView) -> Equations {
+    pub(super) fn equations(&self, of_outline: &Matrix3<f64>, view: &BallView) -> PoseEquations {
         let mut all = self.of_outline(of_outline, view);
         self.add_camera(&mut all, view);
         all
     }
 
     /// What the outline says.
-    pub(super) fn of_outline(&self, of_outline: &Matrix3<f64>, view: &BallView) -> Equations {
+    pub(super) fn of_outline(&self, of_outline: &Matrix3<f64>, view: &BallView) -> PoseEquations {
         let (circle, now) = (&self.outline.circle, view.circle());
         let moved = offset(circle.center, now.center);
         let (growth, by_eccentricity) = match circle.is_ellipse() {
@@ -52,7 +52,7 @@ impl Prior {
         let mut by = SMatrix::<f64, 3, PARAMETERS>::zeros();
         (by[(0, 3)], by[(1, 4)], by[(2, 5)]) = (1.0, 1.0, growth);
         (0..2).for_each(|k| by[(2, 7 + k)] = now.radius * by_eccentricity[k]);
-        let mut equations = Equations::default();
+        let mut equations = PoseEquations::default();
         equations.add(&by, &back, of_outline);
         equations.cost += back.dot(&(of_outline * back));
         if self.has_oval() {
@@ -68,7 +68,7 @@ impl Prior {
     }
 
     /// What the outline says of the eccentricity, or where it is a circle that most balls are near the axis.
-    pub(super) fn add_eccentricity(&self, equations: &mut Equations, view: &BallView) {
+    pub(super) fn add_eccentricity(&self, equations: &mut PoseEquations, view: &BallView) {
         let circle = &self.outline.circle;
         let sigma = match self.drawn {
             Drawn::AsSeen => ECCENTRICITY[usize::from(circle.is_ellipse())],
@@ -80,7 +80,7 @@ impl Prior {
     }
 
     /// What it says of the camera alone.
-    pub(super) fn add_camera(&self, equations: &mut Equations, view: &BallView) {
+    pub(super) fn add_camera(&self, equations: &mut PoseEquations, view: &BallView) {
         match self.camera {
             CameraModel::Unknown(known) => {
                 equations.hold(6, known.inverse_distance - view.horizon(), known.sigma);
@@ -102,7 +102,7 @@ impl Prior {
 impl Axis {
     /// What it says of the eccentricity and the distance at a view: to first order a ball at `off` radii from the axis
     /// has the eccentricity `off / distance`.
-    pub(super) fn add_to(&self, equations: &mut Equations, view: &BallView) {
+    pub(super) fn add_to(&self, equations: &mut PoseEquations, view: &BallView) {
         let (now, horizon) = (view.circle(), view.horizon());
         let off = offset(now.center, self.middle) / now.radius;
         let sigma = self.sigma_px / now.radius * horizon;
@@ -164,7 +164,7 @@ mod tests {
             };
             let camera = Camera::Near { inverse_distance };
             let view = BallView::new(&camera, circle).expect("a view");
-            let mut said = Equations::default();
+            let mut said = PoseEquations::default();
             axis.add_to(&mut said, &view);
             (said.cost, said.gradient, said.information, view.horizon())
         };

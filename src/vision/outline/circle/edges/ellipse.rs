@@ -136,7 +136,7 @@ impl Unrolled {
     }
 
     /// Where an edge lies by the ellipse.
-    fn place(&self, ray: usize, edge: &Edge, ellipse: &Parameters) -> Option<Place> {
+    fn place(&self, ray: usize, edge: &Edge, ellipse: &Parameters) -> Option<RimPlace> {
         let [cos, sin] = self.directions[ray];
         let x = self.origin.x + cos * edge.radius - ellipse[0];
         let y = self.origin.y + sin * edge.radius - ellipse[1];
@@ -144,7 +144,7 @@ impl Unrolled {
         if distance < 1e-6 {
             return None;
         }
-        let mut place = Place {
+        let mut place = RimPlace {
             outside: distance - ellipse[2],
             cos: x / distance,
             sin: y / distance,
@@ -163,7 +163,7 @@ impl Unrolled {
 }
 
 /// Where an edge lies by an ellipse.
-struct Place {
+struct RimPlace {
     /// Pixels beyond it.
     outside: f64,
     cos: f64,
@@ -172,7 +172,7 @@ struct Place {
     form: f64,
 }
 
-impl Place {
+impl RimPlace {
     /// Cosine and sine of twice the angle.
     fn twice(&self) -> [f64; 2] {
         let (c, s) = (self.cos, self.sin);
