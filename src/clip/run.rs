@@ -195,6 +195,10 @@ pub(super) struct Pass<'a> {
     large: Mutex<()>,
 }
 
+/// Works on a frame's picture by the frame's number; `None` where nothing comes of it.
+pub(super) type PictureWork<'a> =
+    dyn Fn(usize, ImageView<'_>, &mut Worker<'_>) -> Option<Vec<BallEstimate>> + Sync + 'a;
+
 /// A frame and the error by which it is unreadable.
 type Estimated = Result<(BatchFrame, Option<Error>)>;
 
@@ -323,7 +327,7 @@ impl<'a> Pass<'a> {
         &self,
         sources: &[(Source, usize)],
         wanted: &[usize],
-        work: &(dyn Fn(usize, ImageView<'_>, &mut Worker<'_>) -> Option<Vec<BallEstimate>> + Sync),
+        work: &PictureWork<'_>,
     ) -> Result<Vec<(usize, Vec<BallEstimate>)>> {
         if wanted.is_empty() {
             return Ok(Vec::new());

@@ -73,7 +73,10 @@ const DRAWING: &[(&str, &str)] = &[
         "calibrate",
         "ball clip concurrency fit geometry image pattern recognize spin stats surface view vision",
     ),
-    ("synth", "clip design files geometry image pattern vision"),
+    (
+        "synth",
+        "clip concurrency design files geometry image pattern vision",
+    ),
     (
         "camera",
         "clip concurrency design geometry image pattern spin stats stencil synth validate vision",

@@ -27,6 +27,9 @@ const TABLES: [&str; 3] = [
 const SEEN: f64 = 0.5;
 const BALL_PX: f64 = 60.0;
 
+/// The balls of each frame, and what is found of them.
+type TruthAndFound = (Vec<Vec<BallTruth>>, Vec<Vec<BallEstimate>>);
+
 /// What became of a clip.
 #[derive(Default)]
 struct Flown {
@@ -151,7 +154,7 @@ impl Flown {
         all: &BallsEstimator,
         clip: &Sequence,
         count: usize,
-    ) -> spindoe::Result<(Vec<Vec<BallTruth>>, Vec<Vec<BallEstimate>>)> {
+    ) -> spindoe::Result<TruthAndFound> {
         let mut ws = all.workspace()?;
         let mut own = all.estimators()[0].workspace();
         let (mut truths, mut frames) = (Vec::with_capacity(count), Vec::with_capacity(count));
