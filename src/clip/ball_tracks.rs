@@ -241,7 +241,7 @@ fn assign(costs: &[Vec<f64>], tracks: usize) -> Vec<Option<usize>> {
     for (ball, row) in costs.iter().enumerate() {
         pairs.extend(row.iter().enumerate().map(|(track, c)| (*c, ball, track)));
     }
-    pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     for (_, ball, track) in pairs.into_iter().filter(|p| p.0 < NEW) {
         if chosen[ball].is_none() && !taken[track] {
             (chosen[ball], taken[track]) = (Some(track), true);

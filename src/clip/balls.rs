@@ -95,7 +95,7 @@ impl BallEstimate {
 /// Sorts balls from left to right; what has no outline comes last.
 pub fn sort_from_left(balls: &mut [BallEstimate]) {
     let left = |ball: &BallEstimate| ball.circle().map_or(f64::INFINITY, |c| c.center.u);
-    balls.sort_unstable_by(|a, b| left(a).total_cmp(&left(b)));
+    balls.sort_by(|a, b| left(a).total_cmp(&left(b)));
 }
 
 /// Estimates all balls of a frame: one estimator for each table that they may carry.

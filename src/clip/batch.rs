@@ -95,9 +95,9 @@ impl<K> BatchFrame<K> {
         }
     }
 
-    /// The frame with something else kept of it, and what was kept.
-    pub(super) fn keeping<L>(self, kept: L) -> (BatchFrame<L>, K) {
-        let frame = BatchFrame {
+    /// The frame with something else kept of it.
+    pub(super) fn keeping<L>(self, kept: L) -> BatchFrame<L> {
+        BatchFrame {
             name: self.name,
             path: self.path,
             time_s: self.time_s,
@@ -106,8 +106,7 @@ impl<K> BatchFrame<K> {
             size: self.size,
             unreadable: self.unreadable,
             kept,
-        };
-        (frame, self.kept)
+        }
     }
 
     /// Takes back the poses of all its balls.
@@ -164,7 +163,7 @@ impl<K> Batch<K> {
     pub(super) fn keeping<L>(self, kept: Vec<L>) -> Batch<L> {
         let frames = self.frames.into_iter().zip(kept);
         Batch {
-            frames: frames.map(|(frame, kept)| frame.keeping(kept).0).collect(),
+            frames: frames.map(|(frame, kept)| frame.keeping(kept)).collect(),
             sequence: self.sequence,
             judgment: self.judgment,
             focal_doubt: self.focal_doubt,

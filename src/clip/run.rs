@@ -58,9 +58,9 @@ pub fn run_sources<'a, O: BatchObserver>(
     config: &BatchConfig,
     observer: &O,
 ) -> Result<Batch<O::Kept>> {
-    let keeper = Watching::new(observer);
-    let batch = run_watched(work.into(), listed, config, &keeper)?;
-    let kept = keeper.kept(batch.frames.len());
+    let watching = Watching::new(observer);
+    let batch = run_watched(work.into(), listed, config, &watching)?;
+    let kept = watching.kept(batch.frames.len());
     Ok(batch.keeping(kept))
 }
 
@@ -109,15 +109,15 @@ impl<K: Send + Default> Batch<K> {
         config: &BatchConfig,
         observer: &impl BatchObserver<Kept = K>,
     ) -> Result<()> {
+        let before = self.frames.iter_mut().map(|f| std::mem::take(&mut f.kept));
+        let watching = Watching::after(observer, before.collect());
         let frames = std::mem::take(&mut self.frames).into_iter();
-        let (mut frames, before): (Vec<BatchFrame>, Vec<K>) =
-            frames.map(|frame| frame.keeping(())).unzip();
-        let keeper = Watching::after(observer, before);
-        let pass = Pass::new(estimator.into(), config, &keeper);
+        let mut frames: Vec<BatchFrame> = frames.map(|frame| frame.keeping(())).collect();
+        let pass = Pass::new(estimator.into(), config, &watching);
         let sequence = pass.as_sequence(&self.sources, &mut frames);
-        let kept = keeper.kept(frames.len()).into_iter();
+        let kept = watching.kept(frames.len()).into_iter();
         let joined = frames.into_iter().zip(kept);
-        self.frames = joined.map(|(frame, kept)| frame.keeping(kept).0).collect();
+        self.frames = joined.map(|(frame, kept)| frame.keeping(kept)).collect();
         self.sequence = sequence?;
         Ok(())
     }

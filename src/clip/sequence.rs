@@ -355,7 +355,7 @@ fn nearest(trusted: &[NeighborFrame], k: usize, time_s: f64, count: usize) -> Ve
     let before = &trusted[split.saturating_sub(count)..split];
     let after = trusted[split..].iter().filter(|n| n.frame != k);
     let mut found: Vec<&NeighborFrame> = before.iter().rev().chain(after.take(count)).collect();
-    found.sort_unstable_by(|a, b| apart(a).total_cmp(&apart(b)));
+    found.sort_by(|a, b| apart(a).total_cmp(&apart(b)));
     found.truncate(count);
     found.sort_unstable_by_key(|n| n.frame);
     found

@@ -122,7 +122,7 @@ pub fn bounces(
     let mut likely: Vec<Bounce> = found
         .filter(|b| b.log_odds >= config.min_log_odds && b.jump_m_s.norm() >= config.min_jump_m_s)
         .collect();
-    likely.sort_unstable_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
+    likely.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
     let mut kept: Vec<Bounce> = Vec::new();
     for bounce in likely {
         let is_near = |k: &Bounce| k.after.abs_diff(bounce.after) <= config.half_window;

@@ -107,7 +107,7 @@ impl Candidate {
 
 /// Candidates that reach the goal first, then the best rate; ties by cost, then by start.
 pub(super) fn sort_by_rate(candidates: &mut [Candidate]) {
-    candidates.sort_unstable_by(|a, b| {
+    candidates.sort_by(|a, b| {
         a.short_of_goal
             .cmp(&b.short_of_goal)
             .then(b.rate().total_cmp(&a.rate()))

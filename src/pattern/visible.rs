@@ -78,7 +78,7 @@ fn min_along_circle(dots: &[Vec3], i: usize, limit: f64, ends: &mut Vec<(f64, i3
     if ends.is_empty() {
         return visible as usize;
     }
-    ends.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    ends.sort_by(|a, b| a.0.total_cmp(&b.0));
     let next = ends.iter().skip(1).map(|end| end.0);
     let next: Vec<f64> = next.chain([ends[0].0 + TAU]).collect();
     let mut fewest = i32::MAX;

@@ -154,7 +154,7 @@ fn draw_projection(
     let chart = chart(&area, (x, "h1 (no unit)"), (y, &y_label), (true, true))?;
     // The loneliest last, so that they are not buried.
     let mut order: Vec<usize> = (0..features.len()).collect();
-    order.sort_unstable_by(|a, b| distances.values[*a].total_cmp(&distances.values[*b]));
+    order.sort_by(|a, b| distances.values[*a].total_cmp(&distances.values[*b]));
     let mut outside = 0;
     for i in order {
         let at = (features[i][0], features[i][other]);

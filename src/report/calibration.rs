@@ -309,7 +309,7 @@ fn more_views(dots: &[DotReport]) -> Vec<usize> {
         may_be_seen && d.sigma_deg > WELL_MEASURED_DEG
     };
     let mut poor: Vec<&DotReport> = dots.iter().filter(poor).collect();
-    poor.sort_unstable_by(|a, b| b.sigma_deg.total_cmp(&a.sigma_deg));
+    poor.sort_by(|a, b| b.sigma_deg.total_cmp(&a.sigma_deg));
     poor.iter().map(|d| d.nominal_number).collect()
 }
 

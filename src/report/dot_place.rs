@@ -27,7 +27,7 @@ impl DotPlace {
     pub fn new(number: usize, direction: &Vec3, drawn: &[Vec3], ball_diameter_mm: f64) -> Self {
         let mut near: Vec<usize> = (0..drawn.len()).collect();
         let chord = |j: usize| (drawn[j] - direction).norm();
-        near.sort_unstable_by(|&a, &b| chord(a).total_cmp(&chord(b)));
+        near.sort_by(|&a, &b| chord(a).total_cmp(&chord(b)));
         if let [a, b, rest @ ..] = &mut near[..] {
             let normal = drawn[*a].cross(&drawn[*b]);
             let is_off = |j: &usize| normal.dot(&drawn[*j]).abs() >= MIN_VOLUME;

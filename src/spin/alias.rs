@@ -173,7 +173,7 @@ pub fn weigh(
 fn sort(alternatives: &mut [Alternative]) {
     // Ties differ by rounding: compare to a thousandth.
     let likelihood = |a: &Alternative| (1e3 * a.log_likelihood_ratio).round() as i64;
-    alternatives.sort_unstable_by(|a, b| {
+    alternatives.sort_by(|a, b| {
         let slower = a.spin.norm().total_cmp(&b.spin.norm());
         likelihood(b).cmp(&likelihood(a)).then(slower)
     });

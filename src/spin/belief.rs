@@ -308,7 +308,7 @@ impl Circle {
         }
         let eigen = SymmetricEigen::new(products);
         let mut order = [0, 1, 2, 3];
-        order.sort_unstable_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
         let [first, second, ..] = order;
         let axis = |i: usize| eigen.eigenvectors.column(i).into_owned();
         Self {

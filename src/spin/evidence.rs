@@ -465,7 +465,7 @@ fn distinct<M: Richer<P>, const P: usize>(
 }
 
 fn best_first<M, const P: usize>(mut candidates: Vec<Candidate<M, P>>) -> Vec<Candidate<M, P>> {
-    candidates.sort_unstable_by(|a, b| b.settled.objective.total_cmp(&a.settled.objective));
+    candidates.sort_by(|a, b| b.settled.objective.total_cmp(&a.settled.objective));
     candidates
 }
 

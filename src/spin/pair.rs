@@ -49,7 +49,7 @@ pub fn fit_pair(
         })
         .filter(|a| a.spin.norm() <= TAU * max_rps)
         .collect();
-    others.sort_unstable_by(|a, b| a.spin.norm().total_cmp(&b.spin.norm()));
+    others.sort_by(|a, b| a.spin.norm().total_cmp(&b.spin.norm()));
     Ok((fit, others))
 }
 

@@ -112,7 +112,7 @@ impl Plane {
         let scatter = quaternions.fold(Matrix4::zeros(), |z, q| z + q * q.transpose());
         let eigen = scatter.symmetric_eigen();
         let mut order = [0, 1, 2, 3];
-        order.sort_unstable_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+        order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
         Self {
             u1: eigen.eigenvectors.column(order[0]).into_owned(),
             u2: eigen.eigenvectors.column(order[1]).into_owned(),

@@ -195,7 +195,7 @@ struct Choice<'a> {
     obstacles: &'a Obstacles,
     config: &'a StencilConfig,
     joint: &'a Joint,
-    /// The largest [`Place::bare_mm`] of any, mm.
+    /// The largest [`HingePlace::bare_mm`] of any, mm.
     clearest_mm: f64,
     /// The thickest of the webs that are too thin, mm, and its dot.
     thickest: Option<(f64, usize)>,

@@ -108,7 +108,7 @@ impl NumberPlace {
         self.is_clear_but(None, around, config, joint)
     }
 
-    /// As [`Place::is_clear`], but for one hole.
+    /// As [`NumberPlace::is_clear`], but for one hole.
     fn is_clear_but(
         &self,
         own: Option<&Vec3>,
@@ -329,7 +329,7 @@ impl Marks {
         let mut directions: Vec<Vec3> = spiral_directions(LABEL_PLACES)
             .filter(|d| d.z > 0.0)
             .collect();
-        directions.sort_unstable_by(|a, b| b.z.total_cmp(&a.z));
+        directions.sort_by(|a, b| b.z.total_cmp(&a.z));
         for text in texts {
             for size in LABEL_SIZES {
                 let height_mm = (size * full_height(config)).max(MIN_LABEL_MM);
@@ -373,7 +373,7 @@ impl Marks {
         let mut directions: Vec<Vec3> = spiral_directions(LABEL_PLACES)
             .filter(|d| d.z > 0.0)
             .collect();
-        directions.sort_unstable_by(|a, b| b.dot(zone).total_cmp(&a.dot(zone)));
+        directions.sort_by(|a, b| b.dot(zone).total_cmp(&a.dot(zone)));
         let mut places = directions
             .iter()
             .filter_map(|d| NumberPlace::towards(*d, zone, &words));

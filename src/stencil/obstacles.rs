@@ -148,7 +148,7 @@ impl Obstacles {
         }
     }
 
-    /// [`Place::bare_mm`] of dots in the stencil's frame, those nearest to hinge and tab first. Stops early at or
+    /// [`HingePlace::bare_mm`] of dots in the stencil's frame, those nearest to hinge and tab first. Stops early at or
     /// below `enough`.
     fn clearance(&self, dots: &[Vec3], enough: f64) -> f64 {
         let mut clearance = f64::INFINITY;
@@ -169,7 +169,7 @@ impl Obstacles {
     }
 
     /// The best hinge position along `seam`, where one is clear of the holes by more than `enough`, as
-    /// [`Place::bare_mm`] counts.
+    /// [`HingePlace::bare_mm`] counts.
     pub fn place(&self, seam: Seam, pattern: &[Vec3], enough: f64) -> Option<HingePlace> {
         let [u, v] = tangent_frame(&seam.normal);
         let mut best = (enough, None);

@@ -86,7 +86,7 @@ pub fn find_dots(
     let mut caps = CapFitter::default();
     // What the dots that face the camera say of blur and tone curve, those near the rim need most.
     let mut order: Vec<usize> = (0..dots.len()).collect();
-    order.sort_unstable_by(|a, b| dots[*b].direction.z.total_cmp(&dots[*a].direction.z));
+    order.sort_by(|a, b| dots[*b].direction.z.total_cmp(&dots[*a].direction.z));
     let mut shape = None;
     for i in order {
         let dot = &dots[i];

@@ -21,7 +21,7 @@ impl Dimples {
     /// So many hollows of this angular radius, at whose edge the normal leans by `slope`, radians.
     pub fn new(count: usize, radius: f64, slope: f64) -> Self {
         let mut middles: Vec<Vec3> = spiral_directions(count).collect();
-        middles.sort_unstable_by(|a, b| a.z.total_cmp(&b.z));
+        middles.sort_by(|a, b| a.z.total_cmp(&b.z));
         Self {
             middles,
             radius,

@@ -245,9 +245,7 @@ impl Scene {
             .filter(|(_, (_, image))| image.image.flash == flash)
             .collect();
         // The nearest ball has the largest outline.
-        lit.sort_unstable_by(|(_, (_, a)), (_, (_, b))| {
-            b.circle.radius.total_cmp(&a.circle.radius)
-        });
+        lit.sort_by(|(_, (_, a)), (_, (_, b))| b.circle.radius.total_cmp(&a.circle.radius));
         let mut front: Option<Exposure> = None;
         for (k, (view, image)) in lit {
             let mut sum = image.expose_alone(view);

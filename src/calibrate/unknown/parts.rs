@@ -92,7 +92,7 @@ fn shared_out(surface: &Darkness, members: &[usize], count: usize) -> Option<Vec
         .column(spread.eigenvalues.imax())
         .into_owned();
     let mut sorted = members.to_vec();
-    sorted.sort_unstable_by(|a, b| at(*a).dot(&along).total_cmp(&at(*b).dot(&along)));
+    sorted.sort_by(|a, b| at(*a).dot(&along).total_cmp(&at(*b).dot(&along)));
     let nth = |part: usize| at(sorted[(2 * part + 1) * sorted.len() / (2 * count)]);
     let mut middles: Vec<Vec3> = (0..count).map(nth).collect();
     let mut parts = Vec::new();

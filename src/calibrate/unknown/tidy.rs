@@ -174,7 +174,7 @@ impl DotMap<'_> {
                 let near = near.map(|(j, d)| (angle_between(&d.direction, &at), i, j));
                 links.extend(near.filter(|l| l.0 < MATCH_RAD));
             }
-            links.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+            links.sort_by(|a, b| a.0.total_cmp(&b.0));
             placed.names.fill(None);
             for (_, i, j) in links {
                 if placed.names[i].is_none() && !placed.names.contains(&Some(j)) {

@@ -56,16 +56,16 @@ pub fn run_rig_sources<O: BatchObserver>(
     config: &BatchConfig,
     observer: &O,
 ) -> Result<RigClip<O::Kept>> {
-    let keepers: Vec<Watching<'_, O>> = inputs.iter().map(|_| Watching::new(observer)).collect();
-    let watchers: Vec<&dyn Watch> = keepers.iter().map(|keeper| keeper as &dyn Watch).collect();
+    let watching: Vec<Watching<'_, O>> = inputs.iter().map(|_| Watching::new(observer)).collect();
+    let watchers: Vec<&dyn Watch> = watching.iter().map(|one| one as &dyn Watch).collect();
     let clip = run_watched_rig(rig, tables, inputs, config, &watchers)?;
-    let cameras = clip.cameras.into_iter().zip(keepers);
+    let cameras = clip.cameras.into_iter().zip(watching);
     let nothing = clip.together.frames.iter();
     let nothing = nothing.map(|_| O::Kept::default()).collect();
     Ok(RigClip {
         cameras: cameras
-            .map(|(batch, keeper)| {
-                let kept = keeper.kept(batch.frames.len());
+            .map(|(batch, watching)| {
+                let kept = watching.kept(batch.frames.len());
                 batch.keeping(kept)
             })
             .collect(),

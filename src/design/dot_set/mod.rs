@@ -210,7 +210,7 @@ fn weak_side(trials: &Trials<'_>, all: &[Answer]) -> Option<Side> {
     let failed = failed(&side, 1);
     let dots = trials.pattern.dots();
     let mut near: Vec<usize> = (0..dots.len()).collect();
-    near.sort_unstable_by(|&a, &b| dots[b].dot(&side).total_cmp(&dots[a].dot(&side)));
+    near.sort_by(|&a, &b| dots[b].dot(&side).total_cmp(&dots[a].dot(&side)));
     near.truncate(3);
     (failed.low > WEAK * at_all).then(|| Side {
         direction: side.into(),

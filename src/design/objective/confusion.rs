@@ -198,7 +198,7 @@ fn for_each_quadruple(dots: &[usize], seen: &[f64], mut visit: impl FnMut([usize
 
 /// Where each four dots stand among the quadruples that look like others.
 struct RankedPlaces {
-    /// By the quadruple's number among all of them; [`Places::NONE`] where none looks like it.
+    /// By the quadruple's number among all of them; [`RankedPlaces::NONE`] where none looks like it.
     of_number: Vec<u32>,
 }
 

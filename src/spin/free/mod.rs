@@ -395,7 +395,7 @@ impl<'a> Setting<'a> {
                     .map(|path| (change, path)),
             );
         }
-        paths.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+        paths.sort_by(|a, b| b.0.total_cmp(&a.0));
         paths
     }
 

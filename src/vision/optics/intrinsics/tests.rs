@@ -68,6 +68,10 @@ fn other_files_are_refused_with_the_field() {
     }
 }
 
+/// A matrix, and the coefficients of [`lens`], as files have them.
+const MATRIX: &str = "camera_matrix: [650, 0, 320.5, 0, 640, 240.25, 0, 0, 1]";
+const NUMBERS: &str = "-0.28, 0.09, 0.0012, -0.0001, 0";
+
 /// The lens of most of these files.
 fn lens() -> Lens {
     Lens::polynomial(&[-0.28, 0.09, 0.0012, -1e-4, 0.0]).expect("a lens")
@@ -79,8 +83,6 @@ fn calibration(text: &str, name: Option<&str>) -> Result<Calibration> {
 
 #[test]
 fn every_spelling_is_read_or_named() {
-    let k = "camera_matrix: [650, 0, 320.5, 0, 640, 240.25, 0, 0, 1]";
-    let numbers = "-0.28, 0.09, 0.0012, -0.0001, 0";
     for key in [
         "dist_coeff",
         "dist_coeffs",
@@ -95,11 +97,11 @@ fn every_spelling_is_read_or_named() {
         "distortion-coefficients",
     ] {
         for value in [
-            format!("[{numbers}]"),
-            format!("[[{numbers}]]"),
-            format!("{{rows: 1, cols: 5, data: [{numbers}]}}"),
+            format!("[{NUMBERS}]"),
+            format!("[[{NUMBERS}]]"),
+            format!("{{rows: 1, cols: 5, data: [{NUMBERS}]}}"),
         ] {
-            let text = format!("{k}\n{key}: {value}\n");
+            let text = format!("{MATRIX}\n{key}: {value}\n");
             let read = calibration(&text, None).expect(&text);
             assert_eq!(
                 (read.intrinsics.lens, read.notes.len()),
@@ -112,16 +114,14 @@ fn every_spelling_is_read_or_named() {
 
 #[test]
 fn what_is_not_understood_is_named() {
-    let k = "camera_matrix: [650, 0, 320.5, 0, 640, 240.25, 0, 0, 1]";
-    let numbers = "-0.28, 0.09, 0.0012, -0.0001, 0";
-    let text = format!("{k}\nlens_parameters: [{numbers}]\ncamera_name: c\n");
+    let text = format!("{MATRIX}\nlens_parameters: [{NUMBERS}]\ncamera_name: c\n");
     let read = calibration(&text, None).expect(&text);
     assert_eq!(read.intrinsics.lens, Lens::Ideal);
     assert_eq!(
         read.notes,
         ["no distortion found; unread keys: lens_parameters"]
     );
-    let text = format!("{k}\ndist: [{numbers}]\nxi: 1.2\nnote: x\n");
+    let text = format!("{MATRIX}\ndist: [{NUMBERS}]\nxi: 1.2\nnote: x\n");
     assert_eq!(
         calibration(&text, None).expect(&text).notes,
         ["unread keys: xi"]
@@ -130,7 +130,6 @@ fn what_is_not_understood_is_named() {
 
 #[test]
 fn the_lens_model_is_read_in_every_spelling() {
-    let k = "camera_matrix: [650, 0, 320.5, 0, 640, 240.25, 0, 0, 1]";
     for key in [
         "fisheye_model: 1",
         "camera_model: fisheye",
@@ -138,7 +137,7 @@ fn the_lens_model_is_read_in_every_spelling() {
         "fisheye: true",
         "model: KANNALA_BRANDT",
     ] {
-        let text = format!("{k}\ndist: [-0.02, 0.01, -0.003, 0.001]\n{key}\n");
+        let text = format!("{MATRIX}\ndist: [-0.02, 0.01, -0.003, 0.001]\n{key}\n");
         let fisheye = Lens::fisheye(&[-0.02, 0.01, -0.003, 0.001]).expect("a lens");
         assert_eq!(
             calibration(&text, None).expect(&text).intrinsics.lens,
@@ -151,7 +150,7 @@ fn the_lens_model_is_read_in_every_spelling() {
         "distortion_model: fov",
         "model_type: MEI",
     ] {
-        let refused = calibration(&format!("{k}\n{key}\n"), None)
+        let refused = calibration(&format!("{MATRIX}\n{key}\n"), None)
             .expect_err(key)
             .to_string();
         assert!(refused.contains("expected plumb_bob"), "{refused}");

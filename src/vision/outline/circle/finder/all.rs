@@ -53,8 +53,7 @@ impl BallFinder {
         self.found
             .retain(|f| f.support >= MIN_SUPPORT && f.contrast.abs() > 0.0 && is_new(f));
         sort_by_completeness(&mut self.found);
-        self.found
-            .sort_unstable_by(|a, b| score(b).total_cmp(&score(a)));
+        self.found.sort_by(|a, b| score(b).total_cmp(&score(a)));
         // Of two at one place, and of one within another, the better stays.
         let mut kept = 0;
         for k in 0..self.found.len() {
