@@ -75,6 +75,7 @@ use pairs::PatternPairs;
 use posterior::{Confidence, Explanation, Found, NullHypothesis};
 use refine::{Refined, UNASSIGNED};
 use screen::ScreenModel;
+use search::likelier;
 
 /// Minimum number of dots that can be identified without a hint, and with one.
 const MIN_DOTS: usize = 3;
@@ -278,7 +279,7 @@ impl RobustRecognizer {
         }
         self.prepare(dots, ws)?;
         self.search(prior, ws)?;
-        self.weigh(prior, ws);
+        self.weigh(prior, None, ws);
         if let Some(conditions) = &self.uncertain {
             self.marginalize(conditions, ws);
         }
@@ -295,12 +296,16 @@ impl RobustRecognizer {
     }
 
     /// Weighs the explanations found with all assignments near them: by their evidence at their own
-    /// rotations, and where that leaves doubt integrated over the rotations.
-    fn weigh(&self, prior: Option<&Prior>, ws: &mut RobustWorkspace) {
-        let Some(best) = ws.found.best() else {
+    /// rotations, and where that leaves doubt integrated over the rotations. What is far behind a `rival` of another view is not.
+    fn weigh(&self, prior: Option<&Prior>, rival: Option<&Refined>, ws: &mut RobustWorkspace) {
+        let likeliest = |found: &Found| {
+            let best = likelier(found.best().map(|best| &best.refined), rival);
+            best.map(|best| best.ln_evidence)
+        };
+        let Some(best) = likeliest(&ws.found) else {
             return;
         };
-        let least = best.refined.ln_evidence - NEGLIGIBLE;
+        let least = best - NEGLIGIBLE;
         let RobustWorkspace {
             dots,
             matching,
@@ -322,7 +327,7 @@ impl RobustRecognizer {
         if self.uncertain.is_some() || is_clear {
             return;
         }
-        let least = best.refined.ln_evidence - INTEGRATED;
+        let least = likeliest(found).unwrap_or(f64::NEG_INFINITY) - INTEGRATED;
         matching.clear_sampled();
         for (number, explanation) in found.explanations().iter().enumerate() {
             let Refined {

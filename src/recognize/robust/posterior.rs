@@ -311,3 +311,33 @@ fn is_same_pose(a: &Matrix3<f64>, b: &Matrix3<f64>) -> bool {
 fn overlap(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
     a.dot(b)
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+
+    use super::*;
+
+    /// An explanation of two dots, turned by so much about z.
+    fn explanation(ln_evidence: f64, ln_alternatives: f64, turn: f64) -> Refined {
+        Refined {
+            rotation: *Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), turn).matrix(),
+            ln_evidence,
+            ln_volume: -3.0,
+            ln_prior: 0.0,
+            ln_alternatives,
+        }
+    }
+
+    #[test]
+    fn the_evidence_is_that_of_all_explanations_with_their_alternatives() {
+        let mut found = Found::with_capacity_for(2);
+        found.clear(2);
+        assert_eq!(found.ln_evidence(), f64::NEG_INFINITY);
+        found.add(explanation(5.0, 3f64.ln(), 0.0), &[0, 1]);
+        assert!((found.ln_evidence() - (5.0 + 3f64.ln())).abs() < 1e-12);
+        found.add(explanation(4.0, 0.0, 1.5), &[1, 0]);
+        let expected = (3.0 * 5f64.exp() + 4f64.exp()).ln();
+        assert!((found.ln_evidence() - expected).abs() < 1e-12);
+    }
+}

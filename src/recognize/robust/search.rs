@@ -64,22 +64,32 @@ impl RobustRecognizer {
             };
             self.refine(&start, Some(prior), f64::NEG_INFINITY, ws);
         }
-        self.passes(self.config.passes, prior, ws);
+        self.passes(self.config.passes, prior, None, ws);
         Ok(())
     }
 
-    /// Searches the view with x reversed; the result goes to `ws.mirrored`.
+    /// Searches the view with x reversed for what is not far behind the best explanation of the view itself; the result goes to
+    /// `ws.mirrored`.
     pub(super) fn search_mirrored(&self, ws: &mut RobustWorkspace) {
+        let rival = ws.found.best().map(|best| best.refined);
         ws.dots.iter_mut().for_each(Dot::mirror);
         ws.pair_up();
         std::mem::swap(&mut ws.found, &mut ws.mirrored);
-        self.passes(self.config.passes.min(MIRROR_PASSES), None, ws);
-        self.weigh(None, ws);
+        let most = self.config.passes.min(MIRROR_PASSES);
+        self.passes(most, None, rival.as_ref(), ws);
+        self.weigh(None, rival.as_ref(), ws);
         std::mem::swap(&mut ws.found, &mut ws.mirrored);
         ws.dots.iter_mut().for_each(Dot::mirror);
     }
 
-    fn passes(&self, most: usize, prior: Option<&Prior>, ws: &mut RobustWorkspace) {
+    /// `rival`: an explanation of another view, beside which what is far behind it counts for nothing.
+    fn passes(
+        &self,
+        most: usize,
+        prior: Option<&Prior>,
+        rival: Option<&Refined>,
+        ws: &mut RobustWorkspace,
+    ) {
         // The best conceivable explanation matches every dot perfectly.
         let mut unseen: f64 = ws.dots.iter().map(|d| d.most).sum();
         let (mut left_out, mut idle) = (0, 0);
@@ -88,7 +98,7 @@ impl RobustRecognizer {
             let Some((pair, disjoint)) = ws.next_pair() else {
                 return;
             };
-            self.pass(pair, prior, ws);
+            self.pass(pair, prior, rival, ws);
             let before = std::mem::replace(&mut evidence, ws.found.ln_evidence());
             idle = if evidence > before + EVIDENCE {
                 0
@@ -112,7 +122,13 @@ impl RobustRecognizer {
 
     /// Aligns one observed pair with every similar pattern pair and refines the hypotheses near the
     /// best.
-    fn pass(&self, [a, b]: [usize; 2], prior: Option<&Prior>, ws: &mut RobustWorkspace) {
+    fn pass(
+        &self,
+        [a, b]: [usize; 2],
+        prior: Option<&Prior>,
+        rival: Option<&Refined>,
+        ws: &mut RobustWorkspace,
+    ) {
         let observed = frame(&ws.dots[a].direction, &ws.dots[b].direction);
         let rotation = |index: usize| {
             let pair = self.pairs.pair(index);
@@ -132,7 +148,7 @@ impl RobustRecognizer {
         }
         let mut fruitless = 0;
         for k in 0..ws.screen.kept().len() {
-            let best = ws.found.best().map(|e| e.refined);
+            let best = likelier(ws.found.best().map(|e| &e.refined), rival).copied();
             let hypothesis = ws.screen.kept()[k];
             let behind = |r: &Refined| r.ln_evidence - r.ln_volume - f64::from(hypothesis.score);
             if fruitless == PATIENCE || best.is_some_and(|b| behind(&b) > HOPELESS) {
@@ -210,6 +226,12 @@ impl RobustRecognizer {
             && evidence - self.null.ln_evidence(ws.dots.len()) > DOUBT
             && best.refined.ln_evidence - ws.found.best_rival(best) > DOUBT
     }
+}
+
+/// The likelier of two explanations.
+pub(super) fn likelier<'a>(a: Option<&'a Refined>, b: Option<&'a Refined>) -> Option<&'a Refined> {
+    let both = a.into_iter().chain(b);
+    both.max_by(|a, b| a.ln_evidence.total_cmp(&b.ln_evidence))
 }
 
 /// Whether the best explanation leaves out fewer dots than it names.

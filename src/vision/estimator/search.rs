@@ -30,6 +30,10 @@ const LEAST_DOTS: f64 = 1.5;
 const SURE: f64 = 0.95;
 /// Poses from here on are all but certain.
 const CERTAIN: f64 = 0.99;
+/// The residual, radians, at which a pose's named dots count for nothing beside those of another outline's: 5 deg. By the residual alone, which leaving
+/// dots out makes small, medians are 2 % larger: in eight sets of 1 800 synthetic pictures from 1 % smaller to 8 % larger, in six of 233
+/// path-traced ones from 3 % smaller to 13 % larger.
+const WORTHLESS_RAD: f64 = 0.0873;
 
 impl Estimator {
     /// Estimates a frame. Outlines are proposed where the prior expects the ball, the likeliest first; dots are found within
@@ -185,10 +189,15 @@ impl Estimator {
                 };
                 other.clear();
                 other.standing = Standing::Doubtful;
-                let has_pose = out.pose().is_some();
-                if has_pose {
+                let pose = out.pose().copied();
+                let has_pose = pose.is_some();
+                if let Some(pose) = pose {
                     self.find_dots(&crop, &candidate, ws, &mut other);
-                    self.identify(Detections::All, ws, &mut other);
+                    let detections = match pose.confidence >= CERTAIN {
+                        true => Detections::LikelyUnder(self.config.camera.at(pose.distance)),
+                        false => Detections::All,
+                    };
+                    self.identify(detections, ws, &mut other);
                 } else {
                     self.try_outline(&crop, &candidate, hint, ws, &mut other);
                 }
@@ -414,11 +423,15 @@ pub(crate) fn is_evident(frame: &FrameEstimate) -> bool {
 }
 
 /// Whether the dots speak for `a`'s outline rather than for `b`'s: by the pose's probability and,
-/// where both are all but certain, by how well the dots fit.
+/// where both are all but certain, by how many have a name and how well these fit.
 fn is_better(a: &FrameEstimate, b: &FrameEstimate) -> bool {
+    let fit = |frame: &FrameEstimate, pose: &Pose| {
+        let named = frame.assignment.iter().flatten().count();
+        named as f64 * (1.0 - (pose.residual_rad / WORTHLESS_RAD).powi(2))
+    };
     match (a.pose(), b.pose()) {
-        (Some(a), Some(b)) if a.confidence.min(b.confidence) >= CERTAIN => {
-            a.residual_rad < b.residual_rad
+        (Some(of_a), Some(of_b)) if of_a.confidence.min(of_b.confidence) >= CERTAIN => {
+            fit(a, of_a) > fit(b, of_b)
         }
         (Some(a), Some(b)) => a.confidence > b.confidence,
         (a, _) => a.is_some(),

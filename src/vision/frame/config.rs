@@ -97,8 +97,8 @@ impl CameraModel {
     }
 
     /// The cameras under which dots are identified, the likeliest first.
-    pub(crate) fn hypotheses(&self) -> impl Iterator<Item = Camera> + use<> {
-        let cameras = match *self {
+    pub(crate) fn hypotheses(&self) -> [Option<Camera>; 3] {
+        match *self {
             Self::Known(camera) => [Some(camera), None, None],
             Self::Unknown(CameraDistance {
                 inverse_distance,
@@ -115,8 +115,7 @@ impl CameraModel {
                     false => [near(0.0), None, None],
                 }
             }
-        };
-        cameras.into_iter().flatten()
+        }
     }
 }
 

@@ -110,16 +110,21 @@ impl VirtualCamera {
         let fine = (shrunk.ceil() as usize).clamp(1, 64);
         let weight = 1.0 / (fine * fine) as f32;
         let sub = |k: usize| (k as f64 + 0.5) / fine as f64 - 0.5;
-        into.fill_with(self.side, self.side, |u, v| {
-            let mut sum = 0.0;
+        let step = self.to_camera.column(0) / self.focal;
+        into.fill_rows(self.side, self.side, |v, values| {
+            let first = values.len();
+            values.resize(first + self.side, 0.0);
+            let row = &mut values[first..];
             for k in 0..fine * fine {
-                let at = self.image_of(Pixel {
-                    u: u as f64 + sub(k % fine),
+                let from = self.ray(Pixel {
+                    u: sub(k % fine),
                     v: v as f64 + sub(k / fine),
                 });
-                sum += image.sample(at.u, at.v);
+                self.intrinsics
+                    .project_along(&from, &step, self.side, |u, at| {
+                        row[u] += weight * image.sample(at.u, at.v);
+                    });
             }
-            weight * sum
         });
     }
 

@@ -10,7 +10,7 @@ use nalgebra::Matrix2;
 
 use super::refine::{self, Drawn, Refined};
 use super::trust::{PoseEvidence, TrustMap};
-use crate::geometry::Rotation;
+use crate::geometry::{Rotation, Vec3};
 use crate::recognize::{Hint, Recognizer, RecognizerRejection};
 use crate::view::DotUncertainty;
 use crate::vision::dots::detector::{DotDetection, LIKELY_DOT};
@@ -30,8 +30,6 @@ pub(crate) const DISAGREEMENT: f64 = 0.436;
 pub(crate) const PROMISING: f64 = 0.05;
 /// Without a pose likelier than this, doubtful detections are tried as well.
 pub(crate) const CLEAR: f64 = 0.9;
-/// Dots of the pattern beyond this z are seen in nearly every frame.
-const FACING: f64 = 0.35;
 
 /// A recognizer's answer in terms of detections.
 #[derive(Debug, Clone, Copy)]
@@ -82,13 +80,15 @@ struct Look {
     mirrored: Mirrored,
 }
 
-/// The detections that are tried.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The detections that are tried, and under which distances of the camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Detections {
     /// Those that are likelier dots than not.
     Likely,
     /// Those, then the doubtful ones too.
     All,
+    /// The likely ones under this camera alone: where another outline has a certain pose under it, no others can be better.
+    LikelyUnder(Camera),
 }
 
 /// When a run looks at the mirrored view, which costs as much again.
@@ -237,10 +237,11 @@ impl Estimator {
         out: &mut FrameEstimate,
     ) -> std::result::Result<PoseHypothesis, FrameRejection> {
         let mut best = Err(FrameRejection::NotProcessed);
-        let mut mirrored = Mirrored::Sought;
-        let passes = match detections {
-            Detections::Likely => 1,
-            Detections::All => self.recognizers.len(),
+        let all = self.config.camera.hypotheses();
+        let (passes, cameras, mut mirrored) = match detections {
+            Detections::Likely => (1, all, Mirrored::Sought),
+            Detections::All => (self.recognizers.len(), all, Mirrored::Sought),
+            Detections::LikelyUnder(camera) => (1, [Some(camera), None, None], Mirrored::Compared),
         };
         for pass in 0..passes {
             // Doubtful detections alone may show an expected orientation.
@@ -248,7 +249,7 @@ impl Estimator {
             if pass > 0 && out.standing == Standing::Doubtful && is_hopeless {
                 break;
             }
-            for camera in self.config.camera.hypotheses() {
+            for camera in cameras.into_iter().flatten() {
                 if mirrored == Mirrored::Compared && ws.spending.is_late() {
                     return best;
                 }
@@ -364,25 +365,31 @@ impl Estimator {
         ws: &EstimatorWorkspace,
         name: impl Fn(usize) -> Option<u16>,
     ) -> PoseEvidence {
-        let (mut named, mut unnamed, mut doubt, mut squares) = (0, 0, 0.0, 0.0);
+        let pattern = self.ball.pattern().dots();
+        let missing_dot = |dot: &Vec3| PoseEvidence::missing_dot((rotation * dot).z);
+        let mut missing: f64 = pattern.iter().map(missing_dot).sum();
+        let (mut named, mut unnamed, mut doubt, mut squares) = (0, 0.0, 0.0, 0.0);
         let observed = ws.indices.iter().zip(&ws.observed);
         for (k, (&i, seen)) in observed.enumerate() {
+            let probability = dots[i].probability;
             match name(k) {
                 Some(name) => {
                     named += 1;
-                    doubt -= dots[i].probability.max(f64::MIN_POSITIVE).ln();
-                    let expected = rotation * self.ball.pattern().dots()[usize::from(name)];
-                    squares += seen.squared_deviations(&expected);
+                    doubt -= probability.max(f64::MIN_POSITIVE).ln();
+                    let dot = &pattern[usize::from(name)];
+                    squares += seen.squared_deviations(&(rotation * dot));
+                    missing -= missing_dot(dot);
                 }
-                None => unnamed += usize::from(dots[i].probability >= LIKELY_DOT),
+                None if probability >= LIKELY_DOT => {
+                    unnamed += PoseEvidence::unnamed_dot(probability, seen.direction.z);
+                }
+                None => {}
             }
         }
-        let facing = self.ball.pattern().dots().iter();
-        let facing = facing.filter(|d| (rotation * *d).z > FACING).count();
         PoseEvidence {
             named,
             unnamed,
-            missing: facing.saturating_sub(named),
+            missing: missing.max(0.0),
             doubt: self
                 .detector
                 .usual_doubt()

@@ -260,3 +260,23 @@ fn is_near(dot: &DotDetection, at: Pixel) -> bool {
     let inverse = dot.covariance.try_inverse();
     inverse.is_some_and(|inverse| off.dot(&(inverse * off)) < MOVED * MOVED)
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix2;
+
+    use super::*;
+
+    #[test]
+    fn a_dot_by_its_pixels_lies_within_four_deviations_of_its_detection() {
+        // 0.5 px along u, 2 px along v.
+        let dot = DotDetection {
+            pixel: Pixel { u: 30.0, v: 40.0 },
+            covariance: Matrix2::new(0.25, 0.0, 0.0, 4.0),
+            probability: 0.9,
+        };
+        let at = |u: f64, v: f64| is_near(&dot, Pixel { u, v });
+        assert!(at(31.9, 40.0) && at(30.0, 47.9) && at(28.6, 45.0));
+        assert!(!at(32.1, 40.0) && !at(30.0, 31.9) && !at(31.9, 44.0));
+    }
+}

@@ -520,3 +520,23 @@ fn a_pixel_and_its_ray_lead_to_each_other() {
         }
     }
 }
+
+#[test]
+fn points_in_a_row_are_seen_where_each_is() {
+    let ideal = Intrinsics {
+        skew: 1.5,
+        ..Intrinsics::pinhole(650.0, 640.0, 320.5, 240.25)
+    };
+    let lens = Lens::polynomial(&[-0.28, 0.09, 0.0012, -1e-4, 0.0]).expect("a lens");
+    let (from, step) = (Vec3::new(-0.3, 0.2, -1.1), Vec3::new(0.004, -0.001, 0.002));
+    for k in [ideal, Intrinsics { lens, ..ideal }] {
+        let mut count = 0;
+        k.project_along(&from, &step, 200, |i, at| {
+            let expected = k.project(&(from + step * i as f64));
+            assert!((at.u - expected.u).hypot(at.v - expected.v) < 1e-9);
+            assert_eq!(i, count);
+            count += 1;
+        });
+        assert_eq!(count, 200);
+    }
+}
