@@ -75,7 +75,6 @@ use pairs::PatternPairs;
 use posterior::{Confidence, Explanation, Found, NullHypothesis};
 use refine::{Refined, UNASSIGNED};
 use screen::ScreenModel;
-use search::likelier;
 
 /// Minimum number of dots that can be identified without a hint, and with one.
 const MIN_DOTS: usize = 3;
@@ -228,7 +227,7 @@ impl RobustRecognizer {
         })
     }
 
-    /// As [`Recognizer::explain`], without the mirrored view, which takes about as long as the view itself:
+    /// As [`Recognizer::explain`], without the mirrored view, which takes longer than the view itself where that shows no pose:
     /// [`RecognizerRejection::Mirrored`] does not occur, and what the mirror image explains as well is not doubted.
     pub fn explain_directly<'w>(
         &self,
@@ -279,7 +278,7 @@ impl RobustRecognizer {
         }
         self.prepare(dots, ws)?;
         self.search(prior, ws)?;
-        self.weigh(prior, None, ws);
+        self.weigh(prior, f64::NEG_INFINITY, ws);
         if let Some(conditions) = &self.uncertain {
             self.marginalize(conditions, ws);
         }
@@ -296,16 +295,13 @@ impl RobustRecognizer {
     }
 
     /// Weighs the explanations found with all assignments near them: by their evidence at their own
-    /// rotations, and where that leaves doubt integrated over the rotations. What is far behind a `rival` of another view is not.
-    fn weigh(&self, prior: Option<&Prior>, rival: Option<&Refined>, ws: &mut RobustWorkspace) {
-        let likeliest = |found: &Found| {
-            let best = likelier(found.best().map(|best| &best.refined), rival);
-            best.map(|best| best.ln_evidence)
-        };
-        let Some(best) = likeliest(&ws.found) else {
+    /// rotations, and where that leaves doubt integrated over the rotations. What is far behind the best, or behind the log-evidence `rival` of
+    /// another view, is not.
+    fn weigh(&self, prior: Option<&Prior>, rival: f64, ws: &mut RobustWorkspace) {
+        let Some(best) = ws.found.best() else {
             return;
         };
-        let least = best - NEGLIGIBLE;
+        let least = best.refined.ln_evidence.max(rival) - NEGLIGIBLE;
         let RobustWorkspace {
             dots,
             matching,
@@ -327,7 +323,7 @@ impl RobustRecognizer {
         if self.uncertain.is_some() || is_clear {
             return;
         }
-        let least = likeliest(found).unwrap_or(f64::NEG_INFINITY) - INTEGRATED;
+        let least = best.refined.ln_evidence.max(rival) - INTEGRATED;
         matching.clear_sampled();
         for (number, explanation) in found.explanations().iter().enumerate() {
             let Refined {

@@ -77,7 +77,8 @@ impl RobustRecognizer {
         std::mem::swap(&mut ws.found, &mut ws.mirrored);
         let most = self.config.passes.min(MIRROR_PASSES);
         self.passes(most, None, rival.as_ref(), ws);
-        self.weigh(None, rival.as_ref(), ws);
+        let ahead = rival.map_or(f64::NEG_INFINITY, |rival| rival.ln_evidence);
+        self.weigh(None, ahead, ws);
         std::mem::swap(&mut ws.found, &mut ws.mirrored);
         ws.dots.iter_mut().for_each(Dot::mirror);
     }
@@ -229,7 +230,7 @@ impl RobustRecognizer {
 }
 
 /// The likelier of two explanations.
-pub(super) fn likelier<'a>(a: Option<&'a Refined>, b: Option<&'a Refined>) -> Option<&'a Refined> {
+fn likelier<'a>(a: Option<&'a Refined>, b: Option<&'a Refined>) -> Option<&'a Refined> {
     let both = a.into_iter().chain(b);
     both.max_by(|a, b| a.ln_evidence.total_cmp(&b.ln_evidence))
 }

@@ -189,19 +189,17 @@ impl Estimator {
                 };
                 other.clear();
                 other.standing = Standing::Doubtful;
-                let pose = out.pose().copied();
-                let has_pose = pose.is_some();
-                if let Some(pose) = pose {
+                let beside = out.pose().map(|pose| match pose.confidence >= CERTAIN {
+                    true => Detections::LikelyUnder(self.config.camera.at(pose.distance)),
+                    false => Detections::All,
+                });
+                if let Some(detections) = beside {
                     self.find_dots(&crop, &candidate, ws, &mut other);
-                    let detections = match pose.confidence >= CERTAIN {
-                        true => Detections::LikelyUnder(self.config.camera.at(pose.distance)),
-                        false => Detections::All,
-                    };
                     self.identify(detections, ws, &mut other);
                 } else {
                     self.try_outline(&crop, &candidate, hint, ws, &mut other);
                 }
-                let is_pose = is_better(&other, out) && (has_pose || is_evident(&other));
+                let is_pose = is_better(&other, out) && (beside.is_some() || is_evident(&other));
                 if is_pose || is_mirrored(&other) {
                     std::mem::swap(&mut other, out);
                 }

@@ -87,11 +87,11 @@ pub(crate) enum Detections {
     Likely,
     /// Those, then the doubtful ones too.
     All,
-    /// The likely ones under this camera alone: where another outline has a certain pose under it, no others can be better.
+    /// The likely ones under this camera alone: for an outline beside one that has a certain pose under it.
     LikelyUnder(Camera),
 }
 
-/// When a run looks at the mirrored view, which costs as much again.
+/// When a run looks at the mirrored view, which costs more than the view itself where that shows no pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Mirrored {
     /// Always: a mirrored ball ends the search for other outlines.
