@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use spindoe::Result;
 use spindoe::design::{DesignConfig, DesignObserver, SearchState, Stage};
-use spindoe::report::{DesignJob, JobObserver, Start};
+use spindoe::report::{DesignJob, JobObserver, JobStart};
 
 /// Prints the best rate after each piece of work, and the stages after the search.
 struct Printer;
@@ -37,7 +37,7 @@ fn main() -> Result<()> {
     };
     let job = DesignJob::of(config, dir);
     let never = AtomicBool::new(false);
-    let found = job.run(Start::Fresh, &never, &mut Printer)?;
+    let found = job.run(JobStart::Fresh, &never, &mut Printer)?;
     for v in &found.report.validation {
         println!(
             "{} {}: {}",

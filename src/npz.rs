@@ -21,12 +21,12 @@ const MAX_HEADER_DIGITS: usize = 18;
 const MAX_HEADER_BRACKETS: usize = 8;
 
 /// Where in the archive something is wrong, and what.
-pub(crate) struct Problem {
+pub(crate) struct NpzProblem {
     pub place: String,
     pub problem: String,
 }
 
-impl Problem {
+impl NpzProblem {
     pub fn at(place: impl Into<String>, problem: impl Into<String>) -> Self {
         Self {
             place: place.into(),
@@ -35,7 +35,7 @@ impl Problem {
     }
 }
 
-pub(crate) type Checked<T> = std::result::Result<T, Problem>;
+pub(crate) type Checked<T> = std::result::Result<T, NpzProblem>;
 pub(crate) type Archive<'a> = ZipArchive<Cursor<&'a [u8]>>;
 
 /// Appends one array, as NumPy's `savez` does: any reader can read it.
@@ -63,7 +63,7 @@ pub(crate) fn add_array<T: AutoSerialize>(
 /// Opens the archive and checks that it holds the arrays named and nothing else.
 pub(crate) fn open<'a>(bytes: &'a [u8], arrays: &[&str]) -> Checked<Archive<'a>> {
     let archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| {
-        Problem::at(
+        NpzProblem::at(
             "archive",
             format!("not a complete .npz file: {}", one_line(&e)),
         )
@@ -73,7 +73,7 @@ pub(crate) fn open<'a>(bytes: &'a [u8], arrays: &[&str]) -> Checked<Archive<'a>>
         let array = npyz::npz::array_name_from_file_name(&name);
         if !array.is_some_and(|a| arrays.contains(&a)) {
             let problem = format!("unexpected entry {name:?}; expected {}", arrays.join(", "));
-            return Err(Problem::at("archive", problem));
+            return Err(NpzProblem::at("archive", problem));
         }
     }
     Ok(archive)
@@ -115,10 +115,10 @@ impl<'a, T: Deserialize + Copy> ArrayReader<'a, T> {
         let file = npyz::npz::file_name_from_array_name(name);
         let entry = archive
             .by_name(&file)
-            .map_err(|e| Problem::at(name, format!("cannot be read: {}", one_line(&e))))?;
+            .map_err(|e| NpzProblem::at(name, format!("cannot be read: {}", one_line(&e))))?;
         if entry.size() > MAX_ARRAY_BYTES {
             let problem = format!("larger than {} MiB", MAX_ARRAY_BYTES >> 20);
-            return Err(Problem::at(name, problem));
+            return Err(NpzProblem::at(name, problem));
         }
         // An entry may be larger than it says.
         let mut input = entry.take(MAX_ARRAY_BYTES);
@@ -128,12 +128,12 @@ impl<'a, T: Deserialize + Copy> ArrayReader<'a, T> {
             && std::iter::zip(&found, shape).all(|(have, want)| want.is_none_or(|w| w == *have));
         if !fits {
             let problem = format!("expected shape {}, found {found:?}", shape_text(shape));
-            return Err(Problem::at(name, problem));
+            return Err(NpzProblem::at(name, problem));
         }
         let dtype = header.dtype();
         let decoder = T::reader(&dtype).map_err(|_| {
             let found = dtype.descr();
-            Problem::at(name, format!("expected type {type_name}, found {found}"))
+            NpzProblem::at(name, format!("expected type {type_name}, found {found}"))
         })?;
         let mut array = Self {
             name,
@@ -152,7 +152,12 @@ impl<'a, T: Deserialize + Copy> ArrayReader<'a, T> {
                 array.block = transpose(&stored, rows as usize, columns as usize);
                 array.read = 0;
             }
-            _ => return Err(Problem::at(name, "expected C order, found Fortran order")),
+            _ => {
+                return Err(NpzProblem::at(
+                    name,
+                    "expected C order, found Fortran order",
+                ));
+            }
         }
         Ok(array)
     }
@@ -210,9 +215,9 @@ impl<'a, T: Deserialize + Copy> ArrayReader<'a, T> {
         Ok(())
     }
 
-    fn too_short(&self) -> Problem {
+    fn too_short(&self) -> NpzProblem {
         let problem = format!("ends before its shape {:?} is filled", self.shape);
-        Problem::at(self.name, problem)
+        NpzProblem::at(self.name, problem)
     }
 
     /// Checks that nothing follows the array's items, and that its entry is not damaged.
@@ -221,7 +226,7 @@ impl<'a, T: Deserialize + Copy> ArrayReader<'a, T> {
             .map_err(|e| cannot_be_unpacked(self.name, &e))?;
         if rest > 0 {
             let problem = format!("{rest} bytes follow the array's end");
-            return Err(Problem::at(self.name, problem));
+            return Err(NpzProblem::at(self.name, problem));
         }
         Ok(())
     }
@@ -250,7 +255,7 @@ const MAX_SMALL: u64 = 64;
 pub(crate) fn small_arrays(bytes: &[u8]) -> Checked<Vec<(String, Vec<f64>)>> {
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| {
         let problem = format!("not a complete .npz file: {}", one_line(&e));
-        Problem::at("archive", problem)
+        NpzProblem::at("archive", problem)
     })?;
     let files = archive.file_names_raw().map(String::from_utf8_lossy);
     let names =
@@ -289,8 +294,8 @@ fn wide<T: Into<f64>>(items: Vec<T>) -> Vec<f64> {
     items.into_iter().map(Into::into).collect()
 }
 
-fn cannot_be_unpacked(name: &str, error: &std::io::Error) -> Problem {
-    Problem::at(name, format!("cannot be unpacked: {}", one_line(error)))
+fn cannot_be_unpacked(name: &str, error: &std::io::Error) -> NpzProblem {
+    NpzProblem::at(name, format!("cannot be unpacked: {}", one_line(error)))
 }
 
 /// A shape as Python writes it, any length as `rows`.
@@ -314,7 +319,7 @@ fn transpose<T: Clone>(items: &[T], rows: usize, columns: usize) -> Vec<T> {
 
 /// Reads an array's header; rejects texts on which its parser could overflow a number or the stack.
 fn read_header(name: &str, input: &mut impl Read) -> Checked<NpyHeader> {
-    let reject = |problem: &str| Problem::at(name, format!("not an array: {problem}"));
+    let reject = |problem: &str| NpzProblem::at(name, format!("not an array: {problem}"));
     let none = |_| reject("no NumPy header");
     // Magic (6 bytes), version (2), then the text's length in 2 bytes, or 4 from version 2 on.
     let mut header = vec![0; 10];

@@ -106,9 +106,9 @@ where
     O: Send,
     E: Send,
 {
-    let line = &Line {
+    let line = &OrderedQueue {
         limit: limit.get(),
-        state: Mutex::new(State::default()),
+        state: Mutex::new(QueueState::default()),
         work: Condvar::new(),
         results: Condvar::new(),
         space: Condvar::new(),
@@ -139,10 +139,10 @@ where
 }
 
 /// What the threads share.
-struct Line<T, O> {
+struct OrderedQueue<T, O> {
     /// Maximum number of items in flight.
     limit: usize,
-    state: Mutex<State<T, O>>,
+    state: Mutex<QueueState<T, O>>,
     /// There are items, or there will be no more.
     work: Condvar,
     /// The next result is there, or there will be no more.
@@ -151,7 +151,7 @@ struct Line<T, O> {
     space: Condvar,
 }
 
-struct State<T, O> {
+struct QueueState<T, O> {
     /// Items not yet taken by a worker; the first of them has number `read - items.len()`.
     items: VecDeque<T>,
     /// Results not passed on yet, from number `handed_on`; `None` where one is in progress.
@@ -168,7 +168,7 @@ struct State<T, O> {
     waiting: usize,
 }
 
-impl<T, O> Default for State<T, O> {
+impl<T, O> Default for QueueState<T, O> {
     fn default() -> Self {
         Self {
             items: VecDeque::new(),
@@ -182,8 +182,8 @@ impl<T, O> Default for State<T, O> {
     }
 }
 
-impl<T, O> Line<T, O> {
-    fn lock(&self) -> MutexGuard<'_, State<T, O>> {
+impl<T, O> OrderedQueue<T, O> {
+    fn lock(&self) -> MutexGuard<'_, QueueState<T, O>> {
         // A panicked thread has ended the stream, and the scope propagates its panic.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -307,7 +307,7 @@ fn wait<'a, S>(condition: &Condvar, guard: MutexGuard<'a, S>) -> MutexGuard<'a, 
 }
 
 /// Wakes all waiting threads if this thread panics.
-struct StopOnPanic<'a, T, O>(&'a Line<T, O>);
+struct StopOnPanic<'a, T, O>(&'a OrderedQueue<T, O>);
 
 impl<T, O> Drop for StopOnPanic<'_, T, O> {
     fn drop(&mut self) {
@@ -326,13 +326,13 @@ mod tests {
 
     /// Keeps what it gets; fails at the result number `fails_at`.
     #[derive(Default)]
-    struct Kept {
+    struct FailingSink {
         items: Vec<usize>,
         idle: usize,
         fails_at: Option<usize>,
     }
 
-    impl Sink<usize> for Kept {
+    impl Sink<usize> for FailingSink {
         type Error = String;
 
         fn take(&mut self, item: usize) -> Result<(), String> {
@@ -362,7 +362,7 @@ mod tests {
     fn results_come_in_order_on_any_number_of_threads() {
         for n in [1, 2, 3, 8] {
             for count in [0, 1, 31, 5000] {
-                let mut kept = Kept::default();
+                let mut kept = FailingSink::default();
                 let input = (0..count).map(Ok);
                 map_ordered(input, threads(n), || (), |(), i| uneven(i), &mut kept).unwrap();
                 assert!(kept.items.iter().copied().eq(0..count), "{n} threads");
@@ -421,7 +421,7 @@ mod tests {
     #[test]
     fn errors_come_after_the_results_before_them() {
         for n in [1, 4] {
-            let mut kept = Kept::default();
+            let mut kept = FailingSink::default();
             let input = (0..100).map(|i| {
                 if i == 60 {
                     Err("bad".to_owned())
@@ -437,9 +437,9 @@ mod tests {
 
     #[test]
     fn a_sink_that_fails_ends_it() {
-        let mut kept = Kept {
+        let mut kept = FailingSink {
             fails_at: Some(10),
-            ..Kept::default()
+            ..FailingSink::default()
         };
         let outcome = map_ordered((0..).map(Ok), threads(2), || (), |(), i| i, &mut kept);
         assert_eq!(outcome, Err("full".into()));
@@ -450,7 +450,7 @@ mod tests {
     #[should_panic(expected = "panicked")]
     fn a_worker_that_panics_leaves_nobody_waiting() {
         let work = |(): &mut (), i: usize| if i == 500 { panic!("at 500") } else { i };
-        let mut kept = Kept::default();
+        let mut kept = FailingSink::default();
         let _ = map_ordered((0..).map(Ok), threads(3), || (), work, &mut kept);
     }
 }

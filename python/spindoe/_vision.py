@@ -19,7 +19,7 @@ from ._frame import Camera, FrameEstimate, frame_of
 from ._image import Color, Image, frames_of, pixels
 from ._pattern import HashTable, PathLike, Tabled, as_table
 from ._recognize import Hint
-from ._sequence import SequenceEstimate, sequence_of, verdict_of
+from ._sequence import SequenceEstimate, Verdict, sequence_of, verdict_of
 from ._spin import Spin, spin_of
 
 if TYPE_CHECKING:
@@ -409,6 +409,12 @@ class Tracker:
         self.estimator.camera._check("image", taken)
         frame, spin = self._handle.update(taken, order, float(time_s), given)
         return TrackerState(float(time_s), frame_of(frame), spin_of(spin))
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """What the last frames together say of the ball: as long as its table does not fit them, or the images are mirrored, no frame keeps a
+        pose."""
+        return verdict_of(self._handle.verdict())
 
     def reset(self) -> None:
         """Forgets everything: the next frame is the first of another trajectory.

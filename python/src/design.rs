@@ -11,7 +11,7 @@ use serde_json::json;
 use spindoe::Error;
 use spindoe::design::{DesignConfig, DesignObserver, DesignRequest, SearchState, Shard, Stage};
 use spindoe::report::plots::PictureFormat;
-use spindoe::report::{JobObserver, ShardedJob, Start};
+use spindoe::report::{JobObserver, JobStart, ShardedJob};
 
 use crate::errors::OrRaise;
 use crate::pattern::{HashTable, Pattern, overlay, to_json};
@@ -21,8 +21,12 @@ use crate::work::abandonable;
 #[pyclass(frozen, module = "spindoe._native")]
 pub struct DesignJob(spindoe::DesignJob);
 
-fn start(resume: bool) -> Start {
-    if resume { Start::Resume } else { Start::Fresh }
+fn start(resume: bool) -> JobStart {
+    if resume {
+        JobStart::Resume
+    } else {
+        JobStart::Fresh
+    }
 }
 
 /// What flags of `spindoe design` ask for: the pattern to improve, and the rest as JSON.

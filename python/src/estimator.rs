@@ -26,7 +26,7 @@ use spindoe::vision::estimator::EstimatorWorkspace;
 use spindoe::vision::frame::{CameraDistance, CameraModel};
 use spindoe::vision::net::Weights;
 use spindoe::vision::{
-    BallCircle, Budget, Calibration, Camera, CnnDetector, DetectorName, DotDetector,
+    BallCircle, Budget, Camera, CameraCalibration, CnnDetector, DetectorName, DotDetector,
     EstimatorConfig, FrameEstimate, Intrinsics, Lens, OutlinePrior, Pixel, Prior,
 };
 use spindoe::{DotUncertainty, StopFlag, Vec3};
@@ -96,7 +96,7 @@ type ReadIntrinsics = (&'static str, Vec<f64>, Option<(usize, usize)>, Vec<Strin
 /// The intrinsics of a file, by kind and numbers, with the size of their images.
 #[pyfunction]
 pub fn read_intrinsics(path: std::path::PathBuf) -> PyResult<ReadIntrinsics> {
-    let read = Calibration::read(&path).or_raise()?;
+    let read = CameraCalibration::read(&path).or_raise()?;
     let (kind, numbers) = packed(&read.intrinsics);
     let size = read.size.map(|[w, h]| (w as usize, h as usize));
     Ok((kind, numbers, size, read.notes))
@@ -582,6 +582,12 @@ impl Tracker {
             frame_tuple(py, &frame),
             spin::of_stream(py, fitted, self.frame),
         ))
+    }
+
+    /// The verdict on the last frames.
+    fn verdict(&self) -> Option<VerdictTuple> {
+        let guard = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        verdict_tuple(guard.0.state().judgment)
     }
 
     fn reset(&self, py: Python<'_>) -> PyResult<()> {

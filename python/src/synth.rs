@@ -7,7 +7,7 @@ use numpy::{IntoPyArray, PyArray3};
 use pyo3::prelude::*;
 use spindoe::Ball;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{self, ClipConfig, Frame};
+use spindoe::synth::dataset::{self, ClipConfig, SynthFrame};
 use spindoe::synth::rig;
 
 use crate::errors::{OrRaise, value_error};
@@ -33,7 +33,7 @@ fn config(ball: &Ball, preset: &str, settings: &str) -> PyResult<SynthConfig> {
     overlay(&defaults, settings)
 }
 
-fn rendered<'py>(py: Python<'py>, frame: &Frame) -> PyResult<Rendered<'py>> {
+fn rendered<'py>(py: Python<'py>, frame: &SynthFrame) -> PyResult<Rendered<'py>> {
     let shape = (frame.image.height(), frame.image.width(), 3);
     let image = Array3::from_shape_vec(shape, frame.image.to_bytes())
         .map_err(|e| value_error("image", e))?;
@@ -59,7 +59,7 @@ pub fn independent_frame<'py>(
 
 /// One ball in a row of frames.
 #[pyclass(frozen, module = "spindoe._native")]
-pub struct Sequence(Arc<dataset::Sequence>);
+pub struct Sequence(Arc<dataset::SynthSequence>);
 
 #[pymethods]
 impl Sequence {
@@ -84,7 +84,8 @@ impl Sequence {
             readout_s: 0.0,
         };
         let config = config(&table.0, preset, settings)?;
-        let random = dataset::Sequence::random(table.0.pattern(), &config, &sequence, seed, frames);
+        let random =
+            dataset::SynthSequence::random(table.0.pattern(), &config, &sequence, seed, frames);
         Ok(Self(Arc::new(random.or_raise()?)))
     }
 

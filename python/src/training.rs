@@ -3,10 +3,10 @@
 use numpy::ndarray::{Array2, Array3, Array4};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArray4, PyReadonlyArray1};
 use pyo3::prelude::*;
-use spindoe::synth::training::{self, FrameSet, Samples};
+use spindoe::synth::training::{self, FrameSet, HeldOutSamples};
 use spindoe::vision::dots::patch::SIZE;
 use spindoe::vision::net::graph::{CELLS, Head, Step};
-use spindoe::vision::net::weights::{Calibration, Layer, Weights, WeightsMeta};
+use spindoe::vision::net::weights::{ConvolutionNumbers, OutputCalibration, Weights, WeightsMeta};
 
 use crate::errors::{OrRaise, value_error};
 use crate::pattern::to_json;
@@ -25,9 +25,9 @@ fn head(name: &str) -> PyResult<Head> {
     name.parse().or_raise()
 }
 
-fn layers(flat: &[FlatLayer<'_>]) -> Vec<Layer> {
+fn layers(flat: &[FlatLayer<'_>]) -> Vec<ConvolutionNumbers> {
     flat.iter()
-        .map(|(weight, bias)| Layer {
+        .map(|(weight, bias)| ConvolutionNumbers {
             weight: weight.as_array().to_vec(),
             bias: bias.as_array().to_vec(),
         })
@@ -102,7 +102,7 @@ pub fn world_sha256(py: Python<'_>, net: &str, seed: u64) -> PyResult<String> {
 
 /// Samples that a net does not train on: those of the first frames of `set`, `validation`, `calibration` or `test`.
 #[pyclass(frozen, module = "spindoe._native")]
-pub struct TrainingSamples(Samples);
+pub struct TrainingSamples(HeldOutSamples);
 
 #[pymethods]
 impl TrainingSamples {
@@ -110,7 +110,7 @@ impl TrainingSamples {
     fn new(py: Python<'_>, net: &str, seed: u64, set: &str, frames: u64) -> PyResult<Self> {
         let head = head(net)?;
         let set: FrameSet = set.parse().or_raise()?;
-        let drawn = abandonable(py, move |_| Samples::draw(head, seed, set, frames))?;
+        let drawn = abandonable(py, move |_| HeldOutSamples::draw(head, seed, set, frames))?;
         Ok(Self(drawn.or_raise()?))
     }
 
@@ -151,7 +151,7 @@ impl TrainingSamples {
         calibration: &str,
     ) -> PyResult<(f64, String, String)> {
         let layers = layers(&flat);
-        let calibration: Calibration = from_json("calibration", calibration)?;
+        let calibration: OutputCalibration = from_json("calibration", calibration)?;
         let score = interruptible(py, |_| self.0.score(&layers, &calibration))?.or_raise()?;
         Ok((score.quality(), to_json(&score)?, score.to_string()))
     }

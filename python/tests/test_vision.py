@@ -92,6 +92,12 @@ def test_a_tracker_follows_a_clip(clip, estimator):
     assert not tracker.update(clip[0][0], 0.0, color="rgb").spin
     # What is older than the memory is forgotten.
     assert not tracker.update(clip[1][0], 10.0, color="rgb").spin
+    tracker.reset()
+    for k in range(24):
+        state = tracker.update(clip[k % len(clip)][0][:, ::-1].copy(), k / 350.0, color="rgb")
+    assert not state.frame.pose and tracker.verdict.answer == "mirrored"
+    tracker.reset()
+    assert tracker.verdict.answer == "open"
     with pytest.raises(ValueError, match="window"):
         estimator.tracker(window=2)
 

@@ -44,7 +44,7 @@ use crate::pattern::Pattern;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ball {
     pattern: Pattern,
-    calibration: Option<Calibration>,
+    calibration: Option<MeasuredDots>,
     pair_rule: PairRule,
     recognizer: PaperConfig,
     objective: Option<ObjectiveRecord>,
@@ -54,7 +54,7 @@ pub struct Ball {
 
 /// What is known of dots that were measured on the ball.
 #[derive(Debug, Clone, PartialEq)]
-struct Calibration {
+struct MeasuredDots {
     /// Of each dot, checked by [`placement::check`].
     covariances: Vec<Matrix3<f64>>,
     record: CalibrationRecord,
@@ -108,7 +108,7 @@ impl Ball {
         record: CalibrationRecord,
     ) -> Result<Self> {
         placement::check(self.pattern.dots(), &covariances, &record)?;
-        self.calibration = Some(Calibration {
+        self.calibration = Some(MeasuredDots {
             covariances,
             record,
         });

@@ -28,7 +28,9 @@ use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
 use crate::geometry::Vec3;
-use crate::npz::{Archive, ArrayReader, Checked, Problem, add_array, one_line, open, read_array};
+use crate::npz::{
+    Archive, ArrayReader, Checked, NpzProblem, add_array, one_line, open, read_array,
+};
 use crate::pattern::{DesignRecord, KeepOut, LENGTH_ROUNDING, MAX_DOTS, MIN_DOTS, Pattern};
 #[cfg(feature = "native")]
 use crate::pattern::{shipped_design, shipped_designs};
@@ -219,7 +221,8 @@ impl Ball {
     /// # Errors
     /// [`Error::Input`] naming the array and what is wrong with it.
     pub fn from_npz(path: &Path, bytes: &[u8]) -> Result<Self> {
-        Self::parse(bytes).map_err(|Problem { place, problem }| Error::input(path, place, problem))
+        Self::parse(bytes)
+            .map_err(|NpzProblem { place, problem }| Error::input(path, place, problem))
     }
 
     fn parse(bytes: &[u8]) -> Checked<Self> {
@@ -232,11 +235,11 @@ impl Ball {
                 "pattern_sha256 is {:?}, but the dots have {found}",
                 meta.pattern_sha256
             );
-            return Err(Problem::at("meta", problem));
+            return Err(NpzProblem::at("meta", problem));
         }
         check_features(&archive, pattern.dots(), &meta.pair_rule)?;
         let covariances = read_covariances(&mut archive, &meta, pattern.len())?;
-        let at = |place: &'static str| move |e: Error| Problem::at(place, e.to_string());
+        let at = |place: &'static str| move |e: Error| NpzProblem::at(place, e.to_string());
         let pattern = pattern.with_keep_out(meta.keep_out).map_err(at("meta"))?;
         let mut ball = Self::new(pattern)
             .with_pair_rule(meta.pair_rule)
@@ -256,7 +259,7 @@ impl Ball {
 
 fn read_meta(archive: &mut Archive<'_>) -> Checked<TableMeta> {
     let bytes: Vec<u8> = read_array(archive, "meta", "u8", &[None])?;
-    let reject = |problem: String| Problem::at("meta", problem);
+    let reject = |problem: String| NpzProblem::at("meta", problem);
     let json: serde_json::Value = serde_json::from_slice(&bytes)
         .map_err(|e| reject(format!("not JSON: {}", one_line(&e))))?;
     // The version first: a later format may have other fields.
@@ -288,7 +291,7 @@ fn read_covariances(
             "expected a calibration in format_version {CALIBRATED_VERSION} and in no other, found version {}",
             meta.format_version
         );
-        return Err(Problem::at("meta", problem));
+        return Err(NpzProblem::at("meta", problem));
     }
     if !is_calibrated {
         let prefix = COVARIANCES.as_bytes();
@@ -297,7 +300,7 @@ fn read_covariances(
             .any(|name| name.starts_with(prefix))
         {
             let problem = format!("expected in format_version {CALIBRATED_VERSION} only");
-            return Err(Problem::at(COVARIANCES, problem));
+            return Err(NpzProblem::at(COVARIANCES, problem));
         }
         return Ok(None);
     }
@@ -308,7 +311,7 @@ fn read_covariances(
 }
 
 fn read_dots(archive: &mut Archive<'_>) -> Checked<Pattern> {
-    let reject = |problem: String| Problem::at("dots", problem);
+    let reject = |problem: String| NpzProblem::at("dots", problem);
     let flat: Vec<f64> = read_array(archive, "dots", "f64", &[None, Some(3)])?;
     let dots: Vec<Vec3> = flat.chunks_exact(3).map(Vec3::from_column_slice).collect();
     if !(MIN_DOTS..=MAX_DOTS).contains(&dots.len()) {
@@ -336,7 +339,7 @@ fn read_dots(archive: &mut Archive<'_>) -> Checked<Pattern> {
 fn check_features(archive: &Archive<'_>, dots: &[Vec3], rule: &PairRule) -> Checked<()> {
     let rows = rule
         .count(dots)
-        .map_err(|e| Problem::at("features", e.to_string()))?;
+        .map_err(|e| NpzProblem::at("features", e.to_string()))?;
     // One for each of the arrays that are read side by side.
     let mut archives = [(); 3].map(|()| archive.clone());
     let [first, second, third] = &mut archives;
@@ -353,7 +356,7 @@ fn check_features(archive: &Archive<'_>, dots: &[Vec3], rule: &PairRule) -> Chec
     ] {
         if found != rows as u64 {
             let problem = format!("the dots and the pair rule give {rows} rows, found {found}");
-            return Err(Problem::at(array, problem));
+            return Err(NpzProblem::at(array, problem));
         }
     }
     let same_dot = |array: &str, row: usize, found: u16, want: u16| match found {
@@ -363,11 +366,11 @@ fn check_features(archive: &Archive<'_>, dots: &[Vec3], rule: &PairRule) -> Chec
                 "row {row}: dot {found} does not exist, there are {}",
                 dots.len()
             );
-            Err(Problem::at(array, problem))
+            Err(NpzProblem::at(array, problem))
         }
         _ => {
             let problem = format!("row {row}: expected dot {want}, found {found}");
-            Err(Problem::at(array, problem))
+            Err(NpzProblem::at(array, problem))
         }
     };
     for (row, want) in rule.features(dots).enumerate() {
@@ -382,7 +385,7 @@ fn check_features(archive: &Archive<'_>, dots: &[Vec3], rule: &PairRule) -> Chec
         if !is_same {
             let (want, found) = (want.as_slice(), found.as_slice());
             let problem = format!("row {row}: the dots give {want:?}, found {found:?}");
-            return Err(Problem::at("features", problem));
+            return Err(NpzProblem::at("features", problem));
         }
     }
     features.finish()?;

@@ -3,7 +3,7 @@
 use nalgebra::Matrix2;
 
 use super::bundle::DotPrior;
-use super::marks::Mark;
+use super::marks::FoundMark;
 use super::presence::{DotPresence, FindRecord, Looks};
 use super::result::{CalibratedDot, DotState};
 use crate::geometry::{Vec3, angle_between};
@@ -28,7 +28,7 @@ pub(super) struct ClipDot {
     /// Where something lies that was taken for it and is not.
     pub(super) rejected: Option<Vec3>,
     /// As a mark: see [`SteadyMark`].
-    pub(super) mark: Option<Mark>,
+    pub(super) mark: Option<FoundMark>,
 }
 
 impl ClipDot {
@@ -53,7 +53,7 @@ impl ClipDot {
     }
 
     /// A mark.
-    pub(super) fn of_mark(mark: &Mark, sigma_rad: f64) -> Self {
+    pub(super) fn of_mark(mark: &FoundMark, sigma_rad: f64) -> Self {
         let mut dot = Self::of_pattern(&mark.direction, sigma_rad);
         dot.prior.designed = false;
         (dot.views, dot.mark) = (mark.found, Some(*mark));

@@ -21,7 +21,7 @@ const SHIFTS: usize = 5;
 
 /// A steady mark.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Mark {
+pub(super) struct FoundMark {
     /// Its middle, pattern frame.
     pub direction: Vec3,
     /// Frames in which it was found.
@@ -39,7 +39,7 @@ struct Stray {
 
 /// The steady marks, those found most often first. `strays[k]` are the directions (pattern frame) of
 /// the unnamed detections of frame `k`.
-pub(super) fn steady_marks(frames: &[FittedFrame], strays: &[Vec<Vec3>]) -> Vec<Mark> {
+pub(super) fn steady_marks(frames: &[FittedFrame], strays: &[Vec<Vec3>]) -> Vec<FoundMark> {
     let mut left: Vec<Stray> = Vec::new();
     for (k, (frame, directions)) in frames.iter().zip(strays).enumerate() {
         let seen = directions.iter().filter(|d| frame.depth(d) >= MIN_DEPTH);
@@ -68,7 +68,7 @@ pub(super) fn steady_marks(frames: &[FittedFrame], strays: &[Vec<Vec3>]) -> Vec<
         let faces = |f: &&FittedFrame| f.depth(&middle) >= MIN_DEPTH;
         let views = frames.iter().filter(faces).count().max(found.len());
         if found.len() as f64 >= MIN_RATE * views as f64 {
-            marks.push(Mark {
+            marks.push(FoundMark {
                 direction: middle,
                 found: found.len(),
                 views,

@@ -77,8 +77,8 @@ pub use identify::identify_frames;
 pub use presence::MIN_EXPECTED_VIEWS;
 pub use result::{CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark};
 pub use unknown::{
-    BuiltPattern, KnownDots, MarkKind, MarkedSurface, MissingSide, Side, SurfaceMark,
-    SurfaceObserver, SurfacePlace, Survey, UnknownRejection, build_pattern, calibrate_built,
+    BuiltPattern, KnownDots, MARK_FEATURES, MarkEvidence, MarkKind, MarkedSurface, MissingSide,
+    Side, SurfaceMark, SurfaceObserver, SurfacePlace, Survey, UnknownRejection, calibrate_built,
     matching_design, survey,
 };
 

@@ -7,7 +7,7 @@ use super::clip_dot::ClipDot;
 use super::config::CalibrationConfig;
 use super::fitted::FittedFrame;
 use super::identify::identify_frames;
-use super::marks::{Mark, steady_marks};
+use super::marks::{FoundMark, steady_marks};
 use super::presence::{DetectionRate, Looks, MIN_EXPECTED_VIEWS, doubtful_limit, find_records};
 use super::result::{Calibration, CalibrationRejection, SteadyMark, drawing_sigma_rad, in_space};
 use crate::ball::{Ball, CalibrationRecord};
@@ -157,7 +157,7 @@ impl<'a> Rounds<'a> {
     }
 
     /// A fit, and what it says of each dot and of the marks.
-    fn round(&mut self, is_last: bool) -> Outcome<(FitSummary, Vec<Mark>, DetectionRate)> {
+    fn round(&mut self, is_last: bool) -> Outcome<(FitSummary, Vec<FoundMark>, DetectionRate)> {
         let (fits, summary, mut fitted) = self.fit().ok_or(CalibrationRejection::Singular)?;
         self.take_fits(&fits, &summary.sightings);
         fitted.sort_by_key(|f| f.index);
@@ -309,7 +309,7 @@ impl<'a> Rounds<'a> {
     }
 
     /// Steady marks beside the dots.
-    fn marks(&self, fitted: &[FittedFrame], strays: &[Vec<Vec3>]) -> Vec<Mark> {
+    fn marks(&self, fitted: &[FittedFrame], strays: &[Vec<Vec3>]) -> Vec<FoundMark> {
         let mut marks = steady_marks(fitted, strays);
         marks.retain(|m| {
             let dots = self
@@ -323,7 +323,7 @@ impl<'a> Rounds<'a> {
     }
 
     /// A dot that no frame has by name, and a mark near its place: the dot was drawn there.
-    fn take_displaced(&mut self, marks: &[Mark]) {
+    fn take_displaced(&mut self, marks: &[FoundMark]) {
         let max_offset =
             (DISPLACED * self.drawing_sigma()).clamp(SAME_RAD, self.config.max_offset_rad);
         for mark in marks {
@@ -354,7 +354,7 @@ impl<'a> Rounds<'a> {
     }
 
     /// Takes marks in where `take_in` says so; the marks that are left.
-    fn learn(&mut self, mut marks: Vec<Mark>, take_in: bool) -> Vec<Mark> {
+    fn learn(&mut self, mut marks: Vec<FoundMark>, take_in: bool) -> Vec<FoundMark> {
         marks.retain(|m| {
             let mut dots = self.candidates.iter().filter(|c| c.is_active());
             dots.all(|c| angle_between(&c.direction, &m.direction) > SAME_RAD)
@@ -427,7 +427,7 @@ impl<'a> Rounds<'a> {
     fn finish(
         mut self,
         summary: &FitSummary,
-        marks: &[Mark],
+        marks: &[FoundMark],
         rate: &DetectionRate,
     ) -> Outcome<Calibration> {
         self.check_dots()?;

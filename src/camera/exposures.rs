@@ -19,11 +19,11 @@ use crate::concurrency;
 use crate::error::{Result, require};
 use crate::geometry::{CameraFrame, Vec3};
 use crate::pattern::{NamedPattern, Pattern};
-use crate::spin::golf::{self, Flight};
+use crate::spin::golf::{self, GolfFlight};
 use crate::spin::robust::SpinConfig;
 use crate::stats::{Proportion, median_or_nan, or_nan};
 use crate::synth::SynthConfig;
-use crate::synth::dataset::{BallTruth, Frame, strobed_frame};
+use crate::synth::dataset::{BallTruth, SynthFrame, strobed_frame};
 use crate::synth::several::StrobeConfig;
 use crate::validate::ORIENTATION_FAILURE_RAD;
 use crate::vision::frame::config::CameraModel;
@@ -61,7 +61,7 @@ impl ExposureTrials {
     ///
     /// # Errors
     /// [`crate::Error::Argument`] for a configuration out of its domain.
-    pub fn frame(&self, pattern: &Pattern, k: u64) -> Result<Frame> {
+    pub fn frame(&self, pattern: &Pattern, k: u64) -> Result<SynthFrame> {
         strobed_frame(pattern, &self.synth, &self.strobe, self.seed, k as usize)
     }
 
@@ -75,7 +75,10 @@ impl ExposureTrials {
             ..SpinConfig::default()
         };
         let flight = match truth {
-            [first, second, ..] => Some(Flight::of_motion([second.center.u - first.center.u, 0.0])),
+            [first, second, ..] => Some(GolfFlight::of_motion([
+                second.center.u - first.center.u,
+                0.0,
+            ])),
             _ => None,
         };
         Strobe::new(self.strobe.times_s.clone(), flight, spin)

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::race_patterns;
 use super::{CameraConditions, CameraTrials, FrameRates, RaceConfig, RaceResult, Racer};
-use crate::design::{CameraRank, CameraRecord, CameraRequest, Candidate};
+use crate::design::{CameraRank, CameraRecord, CameraRequest, DesignCandidate};
 use crate::error::{Error, Result, require};
 
 /// The conditions of a camera that is to rank finalists.
@@ -27,13 +27,13 @@ pub fn requested_conditions(request: &CameraRequest) -> Result<CameraConditions>
 /// As [`requested_conditions`].
 pub fn rank_finalists(
     request: &CameraRequest,
-    finalists: &mut [Candidate],
+    finalists: &mut [DesignCandidate],
     stop: &AtomicBool,
     done: &(dyn Fn(u64) + Sync),
 ) -> Result<Option<CameraRecord>> {
     let conditions = requested_conditions(request)?;
     let trials = CameraTrials::new(conditions, request.seed);
-    let patterns = finalists.iter().map(Candidate::pattern);
+    let patterns = finalists.iter().map(DesignCandidate::pattern);
     let patterns = patterns.collect::<Result<Vec<_>>>()?;
     let racers = patterns.iter().map(|pattern| Racer {
         pattern,
@@ -43,7 +43,7 @@ pub fn rank_finalists(
     let race = RaceConfig::of_frames(request.frames);
     let results = race_patterns(&trials, &racers, &race, stop, done)?;
     let place = |r: &RaceResult| finalists[r.entry].clone();
-    let ranked: Vec<Candidate> = results.iter().map(place).collect();
+    let ranked: Vec<DesignCandidate> = results.iter().map(place).collect();
     let ranks = ranked.iter().zip(&results).map(|(candidate, result)| {
         let rates = FrameRates::of(&result.outcomes, request.seed);
         CameraRank {

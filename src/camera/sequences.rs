@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::geometry::{Vec3, angle_between};
 use crate::image::ImageView;
 use crate::stats::{Proportion, median_or_nan, or_nan};
-use crate::synth::dataset::Sequence;
+use crate::synth::dataset::SynthSequence;
 use crate::vision::Estimator;
 
 /// A spin vector off by less than this part of its magnitude is right (SpinDOE Sec. IV-C).
@@ -47,7 +47,12 @@ pub(super) struct SpinOutcome {
 
 impl SpinOutcome {
     /// What the estimator says of the first `count` frames of a sequence, at `fps` frames a second.
-    pub fn of(estimator: &Estimator, sequence: &Sequence, fps: f64, count: usize) -> Result<Self> {
+    pub fn of(
+        estimator: &Estimator,
+        sequence: &SynthSequence,
+        fps: f64,
+        count: usize,
+    ) -> Result<Self> {
         let mut truth = Vec3::zeros();
         let mut images = Vec::with_capacity(count);
         for i in 0..count {

@@ -10,7 +10,7 @@ use crate::concurrency;
 use crate::error::{Error, Result, require};
 use crate::pattern::Pattern;
 use crate::synth::Rendering;
-use crate::synth::dataset::Sequence;
+use crate::synth::dataset::SynthSequence;
 use crate::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
 /// Maximum number of frames, and of sequences.
@@ -147,7 +147,7 @@ impl CameraTrials {
         let outcomes = concurrency::map_range(0..sequences, |k| {
             let first = self.conditions.scene(pattern, self.seed, k)?;
             let fps = self.conditions.fps;
-            let sequence = Sequence::of_scene(first, fps, self.seed, frames);
+            let sequence = SynthSequence::of_scene(first, fps, self.seed, frames);
             let outcome = SpinOutcome::of(&estimator, &sequence, fps, frames)?;
             done(frames as u64);
             Ok(outcome)

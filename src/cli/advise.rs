@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::camera::{CameraArguments, GolfBall, shown};
-use super::estimate::Preset;
+use super::estimate::SportPreset;
 use super::flashes::Flashes;
 use super::output::{Counter, quoted};
 use super::print_json;
@@ -58,7 +58,7 @@ pub struct Arguments {
     /// For a launch monitor: golf balls of 42.67 mm and 100 pixels in infrared light, exposures with several flashes, golf's spins;
     /// the intrinsics are known. It takes some minutes.
     #[arg(long, value_enum, value_name = "golf", hide_possible_values = true, conflicts_with_all = ["camera", "fps", "exposure_ms", "rps", "max_speed_m_s", "surroundings", "noise_levels"])]
-    preset: Option<Preset>,
+    preset: Option<SportPreset>,
     /// Flashes of one exposure, milliseconds, ascending, or PERIODxN, as in 0.7x3 [default: 0,0.9,2.1].
     #[arg(
         long,
@@ -75,7 +75,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let is_golf = arguments.preset == Some(Preset::Golf);
+    let is_golf = arguments.preset == Some(SportPreset::Golf);
     let usual = match is_golf {
         true => GOLF_SAMPLES,
         false => RaceConfig::default().frames(),

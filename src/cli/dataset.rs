@@ -9,7 +9,7 @@ use super::inputs::Counting;
 use super::output::one_of;
 use crate::ball::Ball;
 use crate::clip::BatchConfig;
-use crate::dataset::{self, BounceConfig, Clip, DatasetConfig, Destination, Record};
+use crate::dataset::{self, BounceConfig, DatasetConfig, Destination, FlightClip, Record};
 use crate::error::{Result, are, counted, require};
 use crate::geometry::CameraFrame;
 use crate::vision::{Estimator, EstimatorConfig};
@@ -113,7 +113,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// What a clip shows, on standard error.
-fn say(clip: &Clip) {
+fn say(clip: &FlightClip) {
     errln!(
         "{}: {} of {} frames identified, {}",
         clip.path.display(),

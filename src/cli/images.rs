@@ -19,7 +19,8 @@ use crate::vision::frame::config::{CameraModel, OutlineMethod};
 use crate::vision::frame::prior::OutlinePrior;
 use crate::vision::net::Weights;
 use crate::vision::{
-    BallCircle, Calibration, Camera, CnnDetector, DetectorName, DotDetector, Intrinsics, Pixel,
+    BallCircle, Camera, CameraCalibration, CnnDetector, DetectorName, DotDetector, Intrinsics,
+    Pixel,
 };
 
 #[derive(Debug, Args)]
@@ -71,7 +72,7 @@ pub struct ImageArguments {
     settled: OnceLock<Intrinsics>,
     /// The file and the size that frames must have that are not there yet.
     #[arg(skip)]
-    expected: OnceLock<Calibration>,
+    expected: OnceLock<CameraCalibration>,
     /// Frames per second, for frames at equal intervals.
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     pub(super) fps: Option<f64>,
@@ -115,7 +116,7 @@ impl ImageArguments {
             }
             return Ok(());
         }
-        let calibration = Calibration::read(text.as_ref())?;
+        let calibration = CameraCalibration::read(text.as_ref())?;
         for note in &calibration.notes {
             errln!("note: {text}: {note}");
         }

@@ -9,16 +9,17 @@ use clap::{ArgMatches, Args};
 use serde_json::{Value, json};
 
 use super::estimate::balls::{self, shot_line, strobe_json, strobe_numbers, strobe_rows};
-use super::estimate::format::Format;
-use super::estimate::written::{Row, ball_json, circle_json, own_row};
+use super::estimate::format::ForeignFormat;
+use super::estimate::verdict::VerdictWords;
+use super::estimate::written::{WrittenRow, ball_json, circle_json, own_row};
 use super::estimate::{Asked, check_painted, painted};
 use super::images::read_ball;
 use super::inputs::say_camera;
 use super::pipe::{Pipe, pipe_format};
 use crate::clip::painted::painted_row;
 use crate::clip::{
-    BallEstimate, BallTracks, BallsEstimator, LiveCheck, NamedFrame, PaintedStream, SequenceConfig,
-    Strobe, Tracker, TrackerConfig, sort_from_left,
+    BallEstimate, BallTracks, BallsEstimator, Judgment, LiveCheck, NamedFrame, PaintedStream,
+    SequenceConfig, Strobe, Tracker, TrackerConfig, sort_from_left,
 };
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
@@ -31,6 +32,7 @@ use crate::spin::orientations::OrientationRow;
 use crate::spin::{Fit, SpinRejection};
 use crate::surface::SurfaceMap;
 use crate::vision::Estimator;
+use crate::vision::frame::estimate::FrameRejection;
 use crate::vision::frame::prior::{Budget, OutlinePrior};
 
 #[derive(Debug, Args)]
@@ -119,6 +121,7 @@ fn one_ball(arguments: &Arguments) -> Result<()> {
     let shown_in = asked.frame()?;
     let config = arguments.tracker()?;
     let mut check = LiveCheck::new(estimator.camera());
+    let mut said = None;
     let mut tracker = Tracker::new(estimator, config)?;
     if let Some(roi) = asked.source.roi()? {
         tracker = tracker.within(roi);
@@ -129,6 +132,7 @@ fn one_ball(arguments: &Arguments) -> Result<()> {
         let rows = image.height();
         let state = tracker.update(image, time_s, outline.as_ref())?;
         say_camera(check.push(rows, [state.frame]).as_ref());
+        say_verdict(&mut said, state.judgment, &asked.table);
         let is_identified = state.frame.pose().is_some();
         let row = own_row(NamedFrame::of(time_s, state.frame), shown_in);
         let line = match &mut fictrac {
@@ -143,6 +147,18 @@ fn one_ball(arguments: &Arguments) -> Result<()> {
     });
     say_camera(check.end().as_ref());
     followed
+}
+
+/// Says why frames keep no pose, where that is new.
+fn say_verdict(said: &mut Option<FrameRejection>, judgment: &Judgment, tables: &[PathBuf]) {
+    let now = judgment.rejection();
+    if now != *said
+        && now.is_some()
+        && let Some(words) = VerdictWords::new(judgment, tables).rejection()
+    {
+        errln!("note: {words}");
+    }
+    *said = now;
 }
 
 /// Follows one painted ball by its surface.
@@ -220,7 +236,7 @@ fn all_balls(
         line["balls"] = shown.collect();
         line["latency_ms"] = (1e3 * arrived.elapsed().as_secs_f64()).into();
         // Where shots are asked for, an exposure without one is not answered.
-        Ok(match asked.is_as(Format::Gspro) {
+        Ok(match asked.is_as(ForeignFormat::Gspro) {
             true => (shot.is_some(), shot),
             false => (is_identified, Some(line.to_string())),
         })
@@ -236,12 +252,12 @@ fn tracked_rows(
     tracks: &mut BallTracks,
     time_s: f64,
     balls: &mut [BallEstimate],
-) -> Vec<Row> {
+) -> Vec<WrittenRow> {
     let numbers = tracks.update(time_s, balls);
     tracks.reject_foreign(balls, &numbers);
     let row = |(number, ball): (Option<usize>, &BallEstimate)| {
         let row = own_row(NamedFrame::of(time_s, &ball.frame), shown_in);
-        let mut row = Row::of_ball(asked, shown_in, row, number, ball);
+        let mut row = WrittenRow::of_ball(asked, shown_in, row, number, ball);
         if let Some((table, share)) = number.and_then(|n| tracks.table(n)) {
             row.json["table"] = asked.table[table].display().to_string().into();
             row.json["table_probability"] = share.into();

@@ -31,7 +31,7 @@ pub struct Arguments {
     pattern: PatternSource,
     /// The marking method.
     #[arg(long = "as", value_enum, value_name = "METHOD")]
-    method: Method,
+    method: MarkingMethod,
     /// The file to write; its extension selects the format: .svg, .pdf or .dxf for gores and
     /// stickers, .svg or .gcode for a plotter.
     #[arg(short, long, value_name = "FILE")]
@@ -92,7 +92,7 @@ pub struct Arguments {
 
 /// Marking methods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Method {
+enum MarkingMethod {
     /// Flat lobes that cover the ball, for decal paper and vinyl cutters.
     Gores,
     /// Single dots to stick on, with maps of where each goes.
@@ -121,30 +121,30 @@ impl From<Sheet> for PageSize {
 
 /// File formats.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Format {
+enum SheetFormat {
     Svg,
     Pdf,
     Dxf,
     Gcode,
 }
 
-impl Format {
+impl SheetFormat {
     /// The format that a file's extension selects.
-    fn of(path: &Path, method: Method) -> Result<Self> {
+    fn of(path: &Path, method: MarkingMethod) -> Result<Self> {
         let ending = path
             .extension()
             .and_then(|e| e.to_str())
             .unwrap_or_default();
         let format = match ending.to_ascii_lowercase().as_str() {
             "svg" => Some(Self::Svg),
-            "pdf" if method != Method::Plotter => Some(Self::Pdf),
-            "dxf" if method != Method::Plotter => Some(Self::Dxf),
-            "gcode" | "nc" | "ngc" if method == Method::Plotter => Some(Self::Gcode),
+            "pdf" if method != MarkingMethod::Plotter => Some(Self::Pdf),
+            "dxf" if method != MarkingMethod::Plotter => Some(Self::Dxf),
+            "gcode" | "nc" | "ngc" if method == MarkingMethod::Plotter => Some(Self::Gcode),
             _ => None,
         };
         format.ok_or_else(|| {
             let expected = match method {
-                Method::Plotter => ".svg or .gcode",
+                MarkingMethod::Plotter => ".svg or .gcode",
                 _ => ".svg, .pdf or .dxf",
             };
             let problem = format!(
@@ -185,17 +185,22 @@ impl Arguments {
     }
 
     /// Paper has bounds; other formats take one sheet.
-    fn page(&self, format: Format) -> PageSize {
+    fn page(&self, format: SheetFormat) -> PageSize {
         match (format, self.sheet) {
-            (Format::Pdf, sheet) => sheet.into(),
+            (SheetFormat::Pdf, sheet) => sheet.into(),
             _ => PageSize::Sheet,
         }
     }
 
-    fn drawing(&self, pattern: &Pattern, config: &MarkConfig, format: Format) -> Result<Drawing> {
+    fn drawing(
+        &self,
+        pattern: &Pattern,
+        config: &MarkConfig,
+        format: SheetFormat,
+    ) -> Result<Drawing> {
         let page = self.page(format);
         match self.method {
-            Method::Gores => {
+            MarkingMethod::Gores => {
                 let lobes = GoreConfig {
                     lobes: self.lobes,
                     numbers: !self.no_numbers,
@@ -203,45 +208,45 @@ impl Arguments {
                 };
                 gores(pattern, config, &lobes)
             }
-            Method::Stickers => {
+            MarkingMethod::Stickers => {
                 let sheet = StickerConfig {
                     bleed_mm: self.bleed_mm,
                     page,
                 };
                 stickers(pattern, config, &sheet)
             }
-            Method::Plotter => plotter_drawing(pattern, config, &self.plotter()),
+            MarkingMethod::Plotter => plotter_drawing(pattern, config, &self.plotter()),
         }
     }
 }
 
 /// The flags that only some methods have, by their ids.
-const OWN: [(&str, &[Method]); 10] = [
-    ("lobes", &[Method::Gores]),
-    ("no_numbers", &[Method::Gores]),
-    ("bleed_mm", &[Method::Stickers]),
-    ("sheet", &[Method::Gores, Method::Stickers]),
-    ("pen_diameter_mm", &[Method::Plotter]),
-    ("steps_per_turn", &[Method::Plotter]),
-    ("feed_mm_per_min", &[Method::Plotter]),
-    ("pen_up", &[Method::Plotter]),
-    ("pen_down", &[Method::Plotter]),
-    ("pen_delay_s", &[Method::Plotter]),
+const OWN: [(&str, &[MarkingMethod]); 10] = [
+    ("lobes", &[MarkingMethod::Gores]),
+    ("no_numbers", &[MarkingMethod::Gores]),
+    ("bleed_mm", &[MarkingMethod::Stickers]),
+    ("sheet", &[MarkingMethod::Gores, MarkingMethod::Stickers]),
+    ("pen_diameter_mm", &[MarkingMethod::Plotter]),
+    ("steps_per_turn", &[MarkingMethod::Plotter]),
+    ("feed_mm_per_min", &[MarkingMethod::Plotter]),
+    ("pen_up", &[MarkingMethod::Plotter]),
+    ("pen_down", &[MarkingMethod::Plotter]),
+    ("pen_delay_s", &[MarkingMethod::Plotter]),
 ];
 
 pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     given.map_or(Ok(()), |given| {
         reject_foreign(given, &OWN, arguments.method)
     })?;
-    let format = Format::of(&arguments.output, arguments.method)?;
+    let format = SheetFormat::of(&arguments.output, arguments.method)?;
     let ball = arguments.pattern.ball()?;
     let (pattern, config) = (ball.pattern(), arguments.config(&ball));
     let drawing = arguments.drawing(pattern, &config, format)?;
     let bytes = match format {
-        Format::Svg => svg_text(&drawing).concat().into_bytes(),
-        Format::Pdf => pdf_bytes(&drawing),
-        Format::Dxf => dxf_text(&drawing).into_bytes(),
-        Format::Gcode => plotter_program(pattern, &config, &arguments.plotter())?.into_bytes(),
+        SheetFormat::Svg => svg_text(&drawing).concat().into_bytes(),
+        SheetFormat::Pdf => pdf_bytes(&drawing),
+        SheetFormat::Dxf => dxf_text(&drawing).into_bytes(),
+        SheetFormat::Gcode => plotter_program(pattern, &config, &arguments.plotter())?.into_bytes(),
     };
     files::write_bytes(&arguments.output, &bytes)?;
     warn_of_small_dots(config.ball_diameter_mm, config.dot_diameter_mm);
@@ -249,7 +254,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
         return print_json(&drawing.note);
     }
     outln!("{}", drawing.title);
-    if format == Format::Pdf {
+    if format == SheetFormat::Pdf {
         outln!(
             "number of pages: {}; print at 100 % and measure the check line",
             drawing.pages.len()

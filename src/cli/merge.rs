@@ -11,7 +11,7 @@ use super::output::{Progress, command_line};
 use super::print_json;
 use crate::design::{DesignConfig, DesignObserver, SearchState, Stage};
 use crate::error::Result;
-use crate::report::{CHECKPOINT, DesignJob, JobObserver, ShardedJob, Start};
+use crate::report::{CHECKPOINT, DesignJob, JobObserver, JobStart, ShardedJob};
 
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -82,8 +82,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         line: Progress::new(1, "{gone}  {wide_msg}", SILENCE),
     };
     let start = match arguments.resume {
-        true => Start::Resume,
-        false => Start::Fresh,
+        true => JobStart::Resume,
+        false => JobStart::Fresh,
     };
     let found = job.merge(&arguments.shards, start, &stop, &mut progress)?;
     progress.line.finish();

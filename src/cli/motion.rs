@@ -26,7 +26,7 @@ pub(super) struct Theory {
 }
 
 /// How a ball moves, as far as its orientations say.
-pub(super) struct Motion {
+pub(super) struct ObservedMotion {
     pub estimate: SpinEstimate,
     asked_for: MotionModel,
     /// The time of the spin that is reported, seconds.
@@ -39,7 +39,7 @@ pub(super) struct Motion {
     theory: Option<Theory>,
 }
 
-impl Motion {
+impl ObservedMotion {
     /// What `estimate` says of `measurements`, which come from `frames` frames, and the summary of the spin: at `time_s`, by
     /// default in the middle.
     pub fn new(

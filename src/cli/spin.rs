@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 
-use super::motion::{Motion, Theory};
+use super::motion::{ObservedMotion, Theory};
 use super::output::one_of;
 use super::spin_stretches::{self as stretches, Holding};
 use super::spin_summary;
 use crate::error::{Error, Result};
 use crate::files;
 use crate::geometry::{CameraFrame, Rotation};
-use crate::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
+use crate::spin::air::{Air, FlyingBall, boundary_layer_decay, creeping_decay};
 use crate::spin::alias::AliasConfig;
 use crate::spin::estimate::{FittedMotion, MotionModel, SpinEstimate};
 use crate::spin::orientations::{OrientationReader, Orientations};
@@ -29,7 +29,7 @@ const SUSPICIOUS_NOISE: f64 = 3.0;
 
 /// How the spin is estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Method {
+enum SpinMethod {
     /// The paper's: regression in the plane of the quaternions after RANSAC.
     Quatera,
     /// Maximum likelihood on SO(3) under a mixture of noise and outliers.
@@ -52,7 +52,7 @@ pub struct Arguments {
     exposure: Option<String>,
     /// How the spin is estimated.
     #[arg(hide = true, long, value_enum, default_value = "robust")]
-    method: Method,
+    method: SpinMethod,
     /// Frames per second, for rows at equal intervals: the times in the file are ignored.
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     fps: Option<f64>,
@@ -162,7 +162,7 @@ impl Arguments {
             return Err(Error::argument("window", problem));
         }
         let is_constant = matches!(self.motion, MotionModel::Auto | MotionModel::Constant);
-        if self.method == Method::Quatera && (!is_constant || self.draws()) {
+        if self.method == SpinMethod::Quatera && (!is_constant || self.draws()) {
             let problem =
                 "the paper's method has constant spins only and no --picture, expected robust";
             return Err(Error::argument("--method", problem));
@@ -194,8 +194,8 @@ impl Arguments {
         config: SpinConfig,
     ) -> std::result::Result<SpinEstimate, SpinRejection> {
         match self.method {
-            Method::Robust => SpinEstimate::fit(measurements, self.motion, &config),
-            Method::Quatera => {
+            SpinMethod::Robust => SpinEstimate::fit(measurements, self.motion, &config),
+            SpinMethod::Quatera => {
                 let max_rps = self.max_spin_rps;
                 let options = QuateraConfig {
                     max_rps,
@@ -237,7 +237,7 @@ impl Arguments {
     }
 
     /// Notes where the orientations are farther off the motion than expected.
-    fn doubt_noise(&self, fit: &Fit, motion: &Motion) {
+    fn doubt_noise(&self, fit: &Fit, motion: &ObservedMotion) {
         let noise = fit.sigma_rad.unwrap_or(0.0).to_degrees();
         let expected = self
             .orientation_sigma_deg
@@ -252,7 +252,7 @@ impl Arguments {
 
     /// What theory expects of the decay of a spin, rad/s.
     fn theory(&self, spin_rad_s: f64) -> Theory {
-        let ball = Ball {
+        let ball = FlyingBall {
             radius_m: 0.5e-3 * self.ball_diameter_mm,
             mass_kg: 1e-3 * self.ball_mass_g,
         };
@@ -304,7 +304,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     arguments.doubt_noise(&summary.fit, &motion);
     let (written, turn) = request.shown;
-    let found = Found {
+    let found = SpinAnswer {
         method: arguments.method,
         summary: summary.turned(&turn),
         camera_frame: written,
@@ -355,11 +355,11 @@ impl Request<'_> {
     }
 
     /// The spin over time, written, where it is asked for: a free motion's own, or that of runs of orientations.
-    fn runs(&self, motion: Option<&Motion>) -> Result<Option<Runs>> {
+    fn runs(&self, motion: Option<&ObservedMotion>) -> Result<Option<Runs>> {
         let Some(path) = &self.arguments.windows else {
             return Ok(None);
         };
-        let runs = match motion.and_then(Motion::over_time) {
+        let runs = match motion.and_then(ObservedMotion::over_time) {
             Some(fits) => Runs {
                 by: fits.len(),
                 fits,
@@ -387,7 +387,7 @@ impl Request<'_> {
     }
 
     /// The spin, and the motion.
-    fn summary(&self) -> Result<(SpinSummary, Motion)> {
+    fn summary(&self) -> Result<(SpinSummary, ObservedMotion)> {
         let (arguments, measurements) = (self.arguments, self.measurements);
         let config = SpinConfig {
             shared: self.file.shared_error(),
@@ -418,7 +418,7 @@ impl Request<'_> {
         }
         let frames = self.file.rows.len();
         let asked_for = arguments.motion;
-        let (summary, motion) = Motion::new(
+        let (summary, motion) = ObservedMotion::new(
             estimate,
             asked_for,
             measurements,
@@ -450,19 +450,19 @@ impl Request<'_> {
 }
 
 /// Everything that is reported.
-pub(super) struct Found {
-    method: Method,
+pub(super) struct SpinAnswer {
+    method: SpinMethod,
     pub(super) summary: SpinSummary,
     camera_frame: CameraFrame,
-    pub(super) motion: Motion,
+    pub(super) motion: ObservedMotion,
 }
 
-impl Found {
+impl SpinAnswer {
     fn to_json(&self) -> serde_json::Value {
         let mut json = spin_summary::to_json(&self.summary, self.camera_frame);
         json["method"] = match self.method {
-            Method::Quatera => "quatera",
-            Method::Robust => "robust",
+            SpinMethod::Quatera => "quatera",
+            SpinMethod::Robust => "robust",
         }
         .into();
         self.motion.add_to(&mut json);

@@ -19,7 +19,7 @@
 mod found;
 mod tables;
 
-use self::found::Found;
+use self::found::FoundBalls;
 use super::strobe::Strobe;
 use super::verdict::Scorer;
 use crate::error::{Result, require};
@@ -75,10 +75,7 @@ impl BallEstimate {
 
     /// Takes back a pose, by what all frames say.
     pub(super) fn reject(&mut self, why: FrameRejection) {
-        if self.frame.pose().is_some() {
-            self.frame.reject_pose();
-            self.frame.outcome = Err(why);
-        }
+        self.frame.take_back(why);
     }
 
     /// The outline, corrected by the dots where the ball has a pose.
@@ -111,7 +108,7 @@ pub struct BallsWorkspace<'a> {
     circles: Vec<BallFit>,
     workspaces: Vec<EstimatorWorkspace>,
     /// One for each table; none where there is one.
-    scorers: Vec<Scorer<'a>>,
+    scorers: Vec<Scorer<&'a Estimator>>,
 }
 
 impl BallsEstimator {
@@ -160,7 +157,7 @@ impl BallsEstimator {
         ws: &mut BallsWorkspace<'_>,
     ) -> Vec<BallEstimate> {
         let image = image.into();
-        let mut found = Found {
+        let mut found = FoundBalls {
             balls: vec![self.first(image, region, budget, ws)],
             rejected: Vec::new(),
             limit: self.count.unwrap_or(MAX_BALLS),
@@ -227,7 +224,7 @@ impl BallsEstimator {
         ws: &mut BallsWorkspace<'_>,
     ) -> Vec<BallEstimate> {
         let (balls, rejected) = balls.into_iter().partition(|b| b.frame.pose().is_some());
-        let mut found = Found {
+        let mut found = FoundBalls {
             balls,
             rejected,
             limit: self.count.unwrap_or(MAX_BALLS),
@@ -242,7 +239,7 @@ impl BallsEstimator {
         image: ImageView<'_>,
         expected: &[BallCircle],
         budget: &Budget,
-        found: &mut Found,
+        found: &mut FoundBalls,
         ws: &mut BallsWorkspace<'_>,
     ) {
         for circle in expected {
@@ -262,7 +259,7 @@ impl BallsEstimator {
         &self,
         image: ImageView<'_>,
         budget: &Budget,
-        found: &mut Found,
+        found: &mut FoundBalls,
         ws: &mut BallsWorkspace<'_>,
     ) {
         for ball in found.rejected.clone() {
@@ -312,7 +309,7 @@ impl BallsEstimator {
         &self,
         image: ImageView<'_>,
         region: Option<Roi>,
-        found: &Found,
+        found: &FoundBalls,
         ws: &mut BallsWorkspace<'_>,
     ) {
         let (width, height) = (image.width(), image.height());

@@ -7,8 +7,8 @@
 //! Guarantees: neither the number of threads nor, where a hypothesis leads, the order of the tables changes the choice. It is not the answer: the
 //! verdict on all frames judges it. Frames that were looked at are held, and not decoded twice, up to 64 MiB.
 
-use super::judgment::Candidate;
-use super::read::Reading;
+use super::judgment::TableCandidate;
+use super::read::SourceReading;
 use super::run::Pass;
 use super::verdict::{BallHypothesis, Verdict, decide};
 use crate::concurrency;
@@ -30,9 +30,9 @@ const SURE: f64 = 10.0;
 
 impl Pass<'_> {
     /// The table of a clip of one ball.
-    pub(super) fn choose_table(&self, reading: &mut Reading<'_>) -> Result<usize> {
+    pub(super) fn choose_table(&self, reading: &mut SourceReading<'_>) -> Result<usize> {
         let tables = self.work.tables();
-        let candidates = Candidate::of_tables(tables)?;
+        let candidates = TableCandidate::of_tables(tables)?;
         let mut hypotheses: Vec<BallHypothesis> = candidates.iter().map(|c| c.unseen()).collect();
         let (mut looked, mut mute, mut step) = (0, 0, 1);
         let mut verdict = Verdict::Open;

@@ -114,7 +114,7 @@ impl SeenOval {
 }
 
 /// What an outline shows, whatever the focal lengths.
-struct Shown {
+struct OutlineShows {
     seen: SeenOval,
     /// By how much it is drawn out in all, pixels.
     stretch_px: Vector2<f64>,
@@ -122,7 +122,7 @@ struct Shown {
     inverse: Matrix2<f64>,
 }
 
-impl Shown {
+impl OutlineShows {
     fn new(k: &Intrinsics, seen: SeenOval) -> Option<Self> {
         let radius = seen.circle.radius;
         let single = floor(SINGLE, radius).hypot(UNEVEN * seen.rolling * radius);
@@ -144,7 +144,9 @@ fn floor((px, part): (f64, f64), radius: f64) -> f64 {
 pub fn focal_doubt(k: &Intrinsics, seen: &[SeenOval]) -> Option<FocalDoubt> {
     let stride = seen.len().div_ceil(MAX_FRAMES).max(1);
     let seen = seen.iter().step_by(stride);
-    let seen: Vec<Shown> = seen.map(|one| Shown::new(k, *one)).collect::<Option<_>>()?;
+    let seen: Vec<OutlineShows> = seen
+        .map(|one| OutlineShows::new(k, *one))
+        .collect::<Option<_>>()?;
     if seen.len() < MIN_FRAMES {
         return None;
     }
@@ -172,7 +174,7 @@ pub fn focal_doubt(k: &Intrinsics, seen: &[SeenOval]) -> Option<FocalDoubt> {
 }
 
 /// -ln of the likelihood of the outlines where the focal lengths are so many times as long; `None` where such a camera does not see them.
-fn unlikeliness(k: &Intrinsics, ratio: f64, seen: &[Shown]) -> Option<f64> {
+fn unlikeliness(k: &Intrinsics, ratio: f64, seen: &[OutlineShows]) -> Option<f64> {
     let mut errors = Vec::with_capacity(seen.len());
     for one in seen {
         let left = one.stretch_px - one.seen.expected_px(k, ratio)?;

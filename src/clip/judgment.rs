@@ -34,7 +34,7 @@ const CHUNK: usize = 4;
 const ROUND: usize = 16;
 /// They are where one hypothesis leads all others and "none of them" by this, ln of the odds: far beyond what a verdict needs
 /// ([`decide`]), since frames of one part of a clip are alike.
-const SURE: f64 = 30.0;
+pub(super) const SURE: f64 = 30.0;
 /// Cosine of the angle between two lines of sight, in the ball's frame, from which on more than half of the dots that are seen are others.
 const OTHER_SIDE: f64 = 0.5;
 
@@ -64,13 +64,13 @@ impl Default for Judgment {
 type SeenBall<'a> = (Option<f64>, &'a FrameEstimate);
 
 /// A table, seen directly or in a mirror.
-pub(super) struct Candidate<'a> {
+pub(super) struct TableCandidate<'a> {
     estimator: Cow<'a, Estimator>,
     table: usize,
     is_mirrored: bool,
 }
 
-impl<'a> Candidate<'a> {
+impl<'a> TableCandidate<'a> {
     /// Each table directly, and in a mirror.
     pub fn of_tables(tables: &'a [Estimator]) -> Result<Vec<Self>> {
         let mut all = Vec::with_capacity(2 * tables.len());
@@ -92,7 +92,7 @@ impl<'a> Candidate<'a> {
     fn scores(&self, seen: &[SeenBall<'_>]) -> Result<(Vec<FrameScore>, Vec<Measurement>)> {
         let chunks: Vec<&[SeenBall<'_>]> = seen.chunks(CHUNK).collect();
         let scored = concurrency::map(&chunks, |chunk| -> Result<Vec<_>> {
-            let mut scorer = Scorer::new(&self.estimator)?;
+            let mut scorer = Scorer::new(&*self.estimator)?;
             let one = |(time_s, estimate): &SeenBall<'_>| {
                 let mut estimate = FrameEstimate::clone(estimate);
                 let score = scorer.identify(&mut estimate);
@@ -143,7 +143,7 @@ impl Judgment {
             Work::Poses(_) => {
                 let all = batch.frames.iter();
                 let seen: Vec<SeenBall<'_>> = all.map(|f| (f.time_s, f.estimate())).collect();
-                let mut this = Self::of(&Candidate::of_tables(tables)?, &seen, spin)?;
+                let mut this = Self::of(&TableCandidate::of_tables(tables)?, &seen, spin)?;
                 // Too little to choose: the table in use stands.
                 this.table = this.fitting().unwrap_or(table);
                 if let Some(why) = this.rejection() {
@@ -156,7 +156,11 @@ impl Judgment {
     }
 
     /// Judges what is seen of one ball, by no more frames than it takes.
-    fn of(candidates: &[Candidate<'_>], seen: &[SeenBall<'_>], spin: SpinConfig) -> Result<Self> {
+    fn of(
+        candidates: &[TableCandidate<'_>],
+        seen: &[SeenBall<'_>],
+        spin: SpinConfig,
+    ) -> Result<Self> {
         let stride = seen.len().div_ceil(MAX_FRAMES).max(1);
         let chosen: Vec<SeenBall<'_>> = seen.iter().step_by(stride).copied().collect();
         let rounds = chosen.len().div_ceil(ROUND).max(1);
@@ -241,7 +245,7 @@ impl Judgment {
                 Some(judgment) => judgment,
                 None => {
                     if candidates.is_empty() {
-                        candidates = Candidate::of_tables(tables)?;
+                        candidates = TableCandidate::of_tables(tables)?;
                     }
                     let seen = times.into_iter().zip(balls.iter().map(|b| &b.frame));
                     Self::of(&candidates, &seen.collect::<Vec<_>>(), spin)?

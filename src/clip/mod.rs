@@ -11,6 +11,7 @@ pub(crate) mod focal;
 mod followed;
 pub mod frame_table;
 pub(crate) mod judgment;
+mod live_judgment;
 pub(crate) mod orientations;
 pub(crate) mod outlines;
 pub(crate) mod painted;

@@ -22,7 +22,7 @@ fn in_flight() -> NonZero<usize> {
 }
 
 /// The frames of all sources, one after another.
-pub(super) struct Reading<'a> {
+pub(super) struct SourceReading<'a> {
     left: std::slice::Iter<'a, &'a Source>,
     /// Frames that were read ahead.
     held: VecDeque<Frame>,
@@ -38,7 +38,7 @@ pub(super) struct Reading<'a> {
     ends: Vec<(usize, SourceEnd)>,
 }
 
-impl<'a> Reading<'a> {
+impl<'a> SourceReading<'a> {
     pub fn new(sources: &'a [&'a Source], config: &BatchConfig) -> Self {
         Self {
             left: sources.iter(),
@@ -130,7 +130,7 @@ impl<'a> Reading<'a> {
     }
 }
 
-impl FrameSource for Reading<'_> {
+impl FrameSource for SourceReading<'_> {
     fn next_frame(&mut self, frame: &mut Frame) -> Result<bool> {
         match self.held.pop_front() {
             Some(held) => {

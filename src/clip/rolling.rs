@@ -29,7 +29,7 @@ use crate::vision::estimator::Estimator;
 use crate::vision::frame::estimate::FrameEstimate;
 use crate::vision::optics::camera::{BallCircle, Pixel};
 use crate::vision::outline::path::{NEIGHBORS, expected_outline};
-use crate::vision::pose::refine::{self, Drawn, Refined};
+use crate::vision::pose::refine::{self, Drawn, RefinedFrame};
 
 /// Rounds of [`correct_rows`]: names that the sheared dots lost are back in the second, and the spin that they leave open is settled: of
 /// twelve clips at 60 frames per second that of one more (`bench rolling --clips 12 --seed 1001 --cameras 60:16`).
@@ -136,7 +136,7 @@ impl Estimator {
         spin: &Vec3,
         row_s: f64,
         drawn: Drawn,
-    ) -> Option<(FrameEstimate, refine::Prior, Rotation)> {
+    ) -> Option<(FrameEstimate, refine::PosePrior, Rotation)> {
         let (view, pose) = (self.view(moving.frame)?, moving.frame.pose()?);
         let (spin, center) = (moving.to_view * spin, view.circle().center);
         let mut frame = moving.frame.clone();
@@ -155,7 +155,7 @@ impl Estimator {
         }
         // Not the corrected outline, which has the sheared dots' error.
         let outline = frame.outline?.with_model_error();
-        let prior = refine::Prior {
+        let prior = refine::PosePrior {
             outline,
             camera: self.config.camera,
             start: self.config.camera.at(pose.distance),
@@ -181,7 +181,7 @@ impl Estimator {
         moving: &Moving<'_>,
         spin: &Vec3,
         row_s: f64,
-    ) -> Option<(FrameEstimate, Refined)> {
+    ) -> Option<(FrameEstimate, RefinedFrame)> {
         let dots = self.ball.pattern().dots();
         let (mut frame, prior, rotation) = self.at_once(moving, spin, row_s, Drawn::AsSeen)?;
         let (matches, refiner) = (&mut Vec::new(), &self.refiner);

@@ -23,7 +23,7 @@ use super::batch::{Batch, BatchFrame, BatchObserver, SequenceOutcome};
 use super::config::BatchConfig;
 use super::focal::FocalDoubt;
 use super::judgment::Judgment;
-use super::read::{Reading, sources_with};
+use super::read::{SourceReading, sources_with};
 use super::times::set_times;
 use super::work::{Work, Worker};
 use crate::error::{Error, Result};
@@ -75,7 +75,7 @@ pub(super) fn run_watched(
         return Err(Error::argument("table", "expected at least one"));
     }
     let sources: Vec<&Source> = listed.sources.iter().collect();
-    let anew = || Reading::new(&sources, config);
+    let anew = || SourceReading::new(&sources, config);
     let mut pass = Pass::new(work, config, watcher);
     let mut reading = anew();
     if let Work::Poses([_, _, ..]) = pass.work {
@@ -214,7 +214,7 @@ impl<'a> Pass<'a> {
     }
 
     /// All frames, each alone and then together.
-    fn all(&self, reading: Reading<'_>, listed: &SourceList) -> Result<Batch> {
+    fn all(&self, reading: SourceReading<'_>, listed: &SourceList) -> Result<Batch> {
         let (mut frames, mut first_error) = (Vec::new(), None);
         let alone = |k, frame, worker: &mut Worker<'_>| self.alone(k, frame, worker);
         let read = self.each(reading, alone, |(frame, error)| {
@@ -260,7 +260,7 @@ impl<'a> Pass<'a> {
     /// Works on frames on all cores; what comes of it is taken in their order.
     fn each<T: Send>(
         &self,
-        reading: Reading<'_>,
+        reading: SourceReading<'_>,
         work: impl Fn(usize, Frame, &mut Worker<'_>) -> Result<T> + Sync,
         take: impl FnMut(T),
     ) -> Result<Vec<(usize, SourceEnd)>> {
@@ -347,7 +347,7 @@ impl<'a> Pass<'a> {
             Ok(Some((k, found)))
         };
         let mut changed = Vec::new();
-        let reading = Reading::new(&read, self.config);
+        let reading = SourceReading::new(&read, self.config);
         self.each(reading, again, |done| changed.extend(done))?;
         Ok(changed)
     }

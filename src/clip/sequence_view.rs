@@ -53,13 +53,13 @@ const ASTRAY: f64 = 16.0;
 
 /// A pinhole camera with square pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Pinhole {
+struct SquarePinhole {
     ln_focal: f64,
     /// Principal point, pixels.
     center: Vector2<f64>,
 }
 
-impl Pinhole {
+impl SquarePinhole {
     fn focal(&self) -> f64 {
         self.ln_focal.exp()
     }
@@ -118,7 +118,7 @@ impl Pinhole {
 pub struct SequenceView {
     /// The ball's center in the image, pixels, whose view frame the orientations are turned into.
     pub reference: Pixel,
-    camera: Pinhole,
+    camera: SquarePinhole,
     /// A root of the covariance of the camera, in the steps of [`Pinhole::moved`].
     root: Matrix3<f64>,
 }
@@ -185,7 +185,7 @@ impl SequenceView {
             let off = self.camera.sees(circle) - alone;
             off.dot(&(view.information * off)) < ASTRAY
         });
-        let seen = |camera: &Pinhole| {
+        let seen = |camera: &SquarePinhole| {
             let own = near.map_or(Vec3::zeros(), |view| {
                 view.gain * (camera.sees(circle) - alone)
             });
@@ -213,7 +213,7 @@ impl SequenceView {
 }
 
 /// The turn to the view frame of a reference.
-fn turn_by(camera: &Pinhole, center: Pixel, reference: Pixel) -> Rotation {
+fn turn_by(camera: &SquarePinhole, center: Pixel, reference: Pixel) -> Rotation {
     camera.to_camera(reference).inverse() * camera.to_camera(center)
 }
 
@@ -228,7 +228,7 @@ fn seen_alone(circle: &BallCircle, inverse_distance: f64) -> Vec3 {
 
 /// A camera, and a root of its covariance.
 struct PathFit {
-    camera: Pinhole,
+    camera: SquarePinhole,
     root: Matrix3<f64>,
 }
 
@@ -250,7 +250,7 @@ fn fit(reference: Pixel, seen: impl Iterator<Item = SeenFrom> + Clone) -> Option
     let middle = seen.clone().find_map(|one| one.evidence?.axis);
     let about = middle.map_or(reference, |axis| axis.middle);
     let about = Vector2::new(about.u, about.v);
-    let mut camera = Pinhole {
+    let mut camera = SquarePinhole {
         ln_focal: -(steps / weights).ln(),
         center: about,
     };
@@ -262,7 +262,7 @@ fn fit(reference: Pixel, seen: impl Iterator<Item = SeenFrom> + Clone) -> Option
         information = Matrix3::from_diagonal(&Vec3::new(0.0, sigma.powi(-2), sigma.powi(-2)));
         let mut gradient = Vec3::new(0.0, away.x, away.y) / (sigma * sigma);
         for one in seen.clone() {
-            let part = Part::of(&camera, &one);
+            let part = FrameInformation::of(&camera, &one);
             // What is expected of the distance counts once.
             information += part.seen * worth + part.expected / count;
             gradient += part.pull * worth + part.expected_pull / count;
@@ -280,15 +280,15 @@ fn fit(reference: Pixel, seen: impl Iterator<Item = SeenFrom> + Clone) -> Option
 
 /// What a frame says of a camera: information and gradient in the steps of [`Pinhole::moved`].
 #[derive(Default)]
-struct Part {
+struct FrameInformation {
     seen: Matrix3<f64>,
     pull: Vec3,
     expected: Matrix3<f64>,
     expected_pull: Vec3,
 }
 
-impl Part {
-    fn of(camera: &Pinhole, one: &SeenFrom) -> Self {
+impl FrameInformation {
+    fn of(camera: &SquarePinhole, one: &SeenFrom) -> Self {
         let SeenFrom {
             circle,
             distance,
@@ -349,7 +349,7 @@ mod tests {
                 radius: across,
                 eccentricity: along * e,
             };
-            let camera = Pinhole {
+            let camera = SquarePinhole {
                 ln_focal: 600f64.ln(),
                 center: Vector2::new(321.0, 243.0),
             };
@@ -367,7 +367,7 @@ mod tests {
 
     #[test]
     fn frames_of_one_camera_find_it() {
-        let truth = Pinhole {
+        let truth = SquarePinhole {
             ln_focal: 900f64.ln(),
             center: Vector2::new(330.0, 250.0),
         };

@@ -24,7 +24,7 @@ use super::orientations::NamedFrame;
 use crate::error::{Result, require};
 use crate::geometry::{CameraFrame, Vec3};
 use crate::spin::alias::{AliasConfig, Alternative, alternatives};
-use crate::spin::golf::Flight;
+use crate::spin::golf::GolfFlight;
 use crate::spin::orientations::{OrientationRow, Orientations};
 use crate::spin::pair::fit_pair;
 use crate::spin::robust::{RobustEstimator, SpinConfig};
@@ -60,7 +60,7 @@ const LN_UNIFORM: f64 = -4.368_9;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Strobe {
     times_s: Vec<f64>,
-    flight: Option<Flight>,
+    flight: Option<GolfFlight>,
     spin: SpinConfig,
 }
 
@@ -76,7 +76,7 @@ pub struct StrobeHypothesis {
     /// Velocity of the center in the picture, pixels a second (u, v).
     pub velocity_px_s: [f64; 2],
     /// The direction of flight: as given, else the one nearest to that motion.
-    pub flight: Flight,
+    pub flight: GolfFlight,
     /// The orientations by the flashes' times.
     pub orientations: Orientations,
     /// The spin with the others that the flashes cannot distinguish from it, or why there is none.
@@ -88,7 +88,7 @@ impl Strobe {
     ///
     /// # Errors
     /// [`crate::Error::Argument`] for times that do not ascend, are too many or too few, or span more than a second.
-    pub fn new(times_s: Vec<f64>, flight: Option<Flight>, spin: SpinConfig) -> Result<Self> {
+    pub fn new(times_s: Vec<f64>, flight: Option<GolfFlight>, spin: SpinConfig) -> Result<Self> {
         check_flashes(&times_s)?;
         Ok(Self {
             times_s,
@@ -106,7 +106,7 @@ impl Strobe {
     /// `frame`.
     pub fn read(&self, balls: &[BallEstimate], frame: CameraFrame) -> Vec<StrobeHypothesis> {
         let images = images_of(balls);
-        let mut paths: Vec<Path> = Vec::new();
+        let mut paths: Vec<FlashPath> = Vec::new();
         for subset in 0u32..1 << images.len() {
             let count = subset.count_ones() as usize;
             if count < 2 || count > self.times_s.len() {
@@ -173,7 +173,7 @@ impl Strobe {
     }
 
     /// The paths through the images of a subset (bits) in both directions or the given one, by all flashes that may have lit them.
-    fn add_paths(&self, images: &[Image], subset: u32, paths: &mut Vec<Path>) {
+    fn add_paths(&self, images: &[Image], subset: u32, paths: &mut Vec<FlashPath>) {
         let (mut ordered, axis) = along_axis(images, subset);
         for is_reversed in [false, true] {
             let direction = axis.map(|a| if is_reversed { -a } else { a });
@@ -182,7 +182,7 @@ impl Strobe {
                 direction[0] * way.x - direction[1] * way.y
             });
             if ahead.is_none_or(|ahead| ahead > 0.0) {
-                let path = |(ln, flashes, velocity_px_s)| Path {
+                let path = |(ln, flashes, velocity_px_s)| FlashPath {
                     ln,
                     images: subset,
                     flashes,
@@ -217,7 +217,7 @@ impl Strobe {
     }
 
     /// A path as a hypothesis whose spin is not fitted yet.
-    fn hypothesis(&self, images: &[Image], path: &Path) -> StrobeHypothesis {
+    fn hypothesis(&self, images: &[Image], path: &FlashPath) -> StrobeHypothesis {
         let (mut ordered, _) = along_axis(images, path.images);
         if path.is_reversed {
             ordered.reverse();
@@ -230,7 +230,9 @@ impl Strobe {
             lit: pairs.map(|(flash, image)| (image.number, flash)).collect(),
             missed,
             velocity_px_s: path.velocity_px_s,
-            flight: self.flight.unwrap_or(Flight::of_motion(path.velocity_px_s)),
+            flight: self
+                .flight
+                .unwrap_or(GolfFlight::of_motion(path.velocity_px_s)),
             orientations: Orientations::default(),
             spin: Err(SpinRejection::TooFewFrames {
                 found: 0,
@@ -349,7 +351,7 @@ pub(crate) fn check_flashes(times_s: &[f64]) -> Result<()> {
 
 /// Images on a straight path, each lit by one flash.
 #[derive(Debug, Clone, Copy)]
-struct Path {
+struct FlashPath {
     /// ln of its likelihood.
     ln: f64,
     /// The images, and the flashes that lit them, as bits.

@@ -13,9 +13,9 @@
 //!
 //! # What is promised
 //! The work for a frame depends on the frame and on [`TrackerConfig::window`], not on how many frames
-//! came before. Once the window has been full, no memory is allocated. An answer depends on this
-//! frame and the earlier ones within [`TrackerConfig::memory_s`]; of those before, no more than the
-//! rounding of an outline's fit, which starts from the predicted one.
+//! came before. Once the window has been full, no memory is allocated, but where frames suggest another ball or a mirror. An answer depends
+//! on this frame and the earlier ones within [`TrackerConfig::memory_s`]; of those before, no more than the
+//! rounding of an outline's fit, which starts from the predicted one, and the [verdict](TrackerState::judgment) on the last frames.
 //!
 //! Not promised: what the [second pass](super::sequence::second_pass) finds when it knows the later frames
 //! as well, and any answer to a spin that changes within the window (a bounce): the fit then rejects
@@ -26,6 +26,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::followed::FollowedOutline;
+use super::judgment::Judgment;
+use super::live_judgment::LiveJudgment;
 use super::sequence::{SequenceConfig, TRUSTED, predict};
 use super::sequence_view::SequenceView;
 use crate::error::{Result, require};
@@ -98,6 +100,9 @@ pub struct TrackerState<'a> {
     pub spin: &'a std::result::Result<Fit, SpinRejection>,
     /// What is wrong with the times of the window's frames, and mended for the spin.
     pub clock: &'a Clock,
+    /// What the last frames together say of the ball: does the table fit, are the images mirrored. As long as they do not, no frame keeps a
+    /// pose.
+    pub judgment: &'a Judgment,
 }
 
 /// A pose of the window.
@@ -126,6 +131,7 @@ pub struct Tracker {
     frame: FrameEstimate,
     outline: FollowedOutline,
     spin: std::result::Result<Fit, SpinRejection>,
+    judgment: LiveJudgment,
 }
 
 impl Tracker {
@@ -139,6 +145,7 @@ impl Tracker {
         estimator.rotation_search();
         Ok(Self {
             workspace: estimator.workspace(),
+            judgment: LiveJudgment::new(Arc::clone(&estimator))?,
             estimator,
             fitter: RobustEstimator::new(config.sequence.spin),
             window: VecDeque::with_capacity(config.window + 1),
@@ -170,6 +177,7 @@ impl Tracker {
             frame: &self.frame,
             spin: &self.spin,
             clock: self.fitter.clock(),
+            judgment: self.judgment.judgment(),
         }
     }
 
@@ -183,6 +191,7 @@ impl Tracker {
     pub fn reset(&mut self) {
         self.window.clear();
         self.outline.reset();
+        self.judgment.reset();
         let searches = self.workspace.searches.iter_mut();
         searches.for_each(CoarseSearch::forget);
         self.spin = Err(NOTHING_SEEN);
@@ -210,6 +219,9 @@ impl Tracker {
         self.outline.begin(time_s, self.config.memory_s)?;
         self.forget(time_s);
         self.find(image, &part, time_s, outline, begun);
+        if let Some(why) = self.judgment.push(&self.frame)? {
+            self.frame.take_back(why);
+        }
         let trusted = self.trusted_pose(time_s);
         if let Some(seen) = trusted {
             if self.window.len() == self.config.window {

@@ -25,6 +25,8 @@
 //! have a pose, weighed here or in the clip's own estimate: a ball that is hardly seen is not another ball. A frame without any dot shows
 //! the ball where most of the frames with a pose have it; elsewhere the circle may be that of something else.
 
+use std::ops::Deref;
+
 use nalgebra::Matrix2;
 
 use crate::error::Result;
@@ -79,6 +81,11 @@ impl FrameScore {
         self.dots >= ENOUGH_DOTS
     }
 
+    /// Whether it tells its hypothesis from others: it has a pose, or enough dots for one.
+    pub(crate) fn says_anything(&self) -> bool {
+        self.has_enough_dots() || self.ln_evidence.is_some()
+    }
+
     fn has_pose(&self) -> bool {
         self.ln_evidence.is_some() || self.is_answered
     }
@@ -90,6 +97,11 @@ impl FrameScore {
             let apart = (a.center.u - b.center.u).hypot(a.center.v - b.center.v);
             apart < a.radius.max(b.radius)
         })
+    }
+
+    /// What it adds to the evidence.
+    fn limited(&self) -> f64 {
+        self.weight().clamp(-MAX_WEIGHT, MAX_WEIGHT)
     }
 
     /// ln of the frame's evidence for the hypothesis, not limited.
@@ -123,14 +135,24 @@ pub struct BallHypothesis {
 impl BallHypothesis {
     /// ln of the evidence against "none of them".
     pub fn ln_evidence(&self) -> f64 {
-        let limited = |f: &FrameScore| f.weight().clamp(-MAX_WEIGHT, MAX_WEIGHT);
         let motion = if self.has_common_motion {
             COMMON_MOTION
         } else {
             0.0
         };
         let little = self.little() as f64 * MISSED_OF_FEW.ln();
-        self.frames.iter().map(limited).sum::<f64>() + motion + little
+        self.frames.iter().map(FrameScore::limited).sum::<f64>() + motion + little
+    }
+
+    /// The same of the last frames alone, without a motion.
+    pub(crate) fn ln_evidence_of_last(&self, count: usize) -> f64 {
+        let weights = self
+            .frames
+            .iter()
+            .rev()
+            .take(count)
+            .map(FrameScore::limited);
+        weights.sum()
     }
 
     /// Frames that show the ball with few dots and have no pose, where the others share no motion: with one, it is the ball that is hard
@@ -139,10 +161,11 @@ impl BallHypothesis {
         if self.has_common_motion {
             return 0;
         }
-        let posed: Vec<&FrameScore> = self.frames.iter().filter(|f| f.has_pose()).collect();
+        let posed = || self.frames.iter().filter(|f| f.has_pose());
+        let poses = posed().count();
         let is_there = |f: &FrameScore| {
-            let there = posed.iter().filter(|p| f.is_at_the_place_of(p));
-            2 * there.count() > posed.len()
+            let there = posed().filter(|p| f.is_at_the_place_of(p));
+            2 * there.count() > poses
         };
         let shows_the_ball = |f: &&FrameScore| f.ball.is_some() && (f.dots > 0 || is_there(f));
         let unexplained = |f: &&FrameScore| f.ln_evidence.is_none() && !f.has_enough_dots();
@@ -206,7 +229,7 @@ pub enum Verdict {
 /// Decides among hypotheses on the same frames.
 pub fn decide(hypotheses: &[BallHypothesis]) -> Verdict {
     let informative = |h: &BallHypothesis| {
-        let says = |f: &&FrameScore| f.has_enough_dots() || f.ln_evidence.is_some();
+        let says = |f: &&FrameScore| f.says_anything();
         let is_much = h.answered() > 0 && h.little() >= MANY_OF_FEW;
         h.frames.iter().filter(says).count() + if is_much { MIN_FRAMES } else { 0 }
     };
@@ -261,21 +284,22 @@ pub fn mirrored_pattern(pattern: &Pattern) -> Result<Pattern> {
     Pattern::new(dots.map(|d| Vec3::new(-d.x, d.y, d.z)).collect())
 }
 
-/// Scores frames under one hypothesis.
-pub struct Scorer<'a> {
-    estimator: &'a Estimator,
+/// Scores frames under one hypothesis, whose pattern's estimator is borrowed or shared.
+#[derive(Debug)]
+pub struct Scorer<E> {
+    estimator: E,
     recognizer: RobustRecognizer,
     workspace: RobustWorkspace,
     estimation: EstimatorWorkspace,
     observed: Vec<ObservedDot>,
 }
 
-impl<'a> Scorer<'a> {
+impl<E: Deref<Target = Estimator>> Scorer<E> {
     /// For the estimator of the hypothesis' pattern.
     ///
     /// # Errors
     /// [`crate::Error::Argument`] for a setting outside its domain.
-    pub fn new(estimator: &'a Estimator) -> Result<Self> {
+    pub fn new(estimator: E) -> Result<Self> {
         use crate::recognize::Recognizer as _;
         let config = estimator.config().recognizer;
         let recognizer = RobustRecognizer::new(estimator.pattern(), config)?;
@@ -288,11 +312,16 @@ impl<'a> Scorer<'a> {
         })
     }
 
+    /// The estimator of the hypothesis' pattern.
+    pub fn estimator(&self) -> &Estimator {
+        &self.estimator
+    }
+
     /// Identifies the dots of a frame by this hypothesis' pattern, and scores it.
     pub fn identify(&mut self, frame: &mut FrameEstimate) -> FrameScore {
-        let estimator = self.estimator;
         let is_answered = frame.pose().is_some();
-        estimator.identify_detections(&mut self.estimation, frame);
+        let workspace = &mut self.estimation;
+        self.estimator.identify_detections(workspace, frame);
         FrameScore {
             is_answered,
             ..self.score(frame)

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::flight::Clip;
+use super::flight::FlightClip;
 #[cfg(feature = "plot")]
 use super::plots;
 use super::record::{FORMAT_VERSION, Record};
@@ -161,7 +161,7 @@ fn listed(dir: &Path) -> Result<BTreeSet<String>> {
 ///
 /// # Errors
 /// [`Error::NoAnswer`] where no clip has a flight; those of [`Destination::begin`], where files came meanwhile.
-pub fn write(to: Destination, clips: &[Clip], record: &Record) -> Result<()> {
+pub fn write(to: Destination, clips: &[FlightClip], record: &Record) -> Result<()> {
     let flights = || clips.iter().flat_map(|clip| &clip.flights);
     if flights().next().is_none() {
         return Err(Error::NoAnswer {

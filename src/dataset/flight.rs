@@ -39,7 +39,7 @@ pub struct Flight {
 
 /// What a clip shows.
 #[derive(Debug, Clone)]
-pub struct Clip {
+pub struct FlightClip {
     /// The file or folder.
     pub path: PathBuf,
     /// Number of frames.
@@ -64,7 +64,7 @@ pub fn read_clip(
     path: &Path,
     config: &DatasetConfig,
     observer: &impl BatchObserver,
-) -> Result<Clip> {
+) -> Result<FlightClip> {
     config.bounces.check()?;
     if estimators.iter().any(|e| e.camera().is_view()) {
         let problem = "expected the camera's: positions follow from them and the ball's diameter";
@@ -78,7 +78,7 @@ pub fn read_clip(
     }
     let file = batch.orientations(config.axes);
     let spin = batch.times.of_spin(config.batch.sequence.spin);
-    Ok(Clip {
+    Ok(FlightClip {
         path: path.to_path_buf(),
         frames: batch.frames.len(),
         identified: batch.identified(),

@@ -24,7 +24,7 @@ mod record;
 
 pub use bounce::{Bounce, BounceConfig, PathPoint, bounces};
 pub use files::{Destination, write};
-pub use flight::{Clip, DatasetConfig, Flight, flights, read_clip};
+pub use flight::{DatasetConfig, Flight, FlightClip, flights, read_clip};
 pub use record::{
     BounceRecord, ClipRecord, FORMAT_VERSION, FlightRecord, Record, SpinRecord, TableRecord,
 };

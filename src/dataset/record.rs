@@ -4,7 +4,7 @@ use nalgebra::Matrix3;
 use serde::Serialize;
 
 use super::bounce::Bounce;
-use super::flight::{Clip, DatasetConfig, Flight};
+use super::flight::{DatasetConfig, Flight, FlightClip};
 use crate::clip::TimeSource;
 use crate::geometry::CameraFrame;
 use crate::spin::estimate::{FittedMotion, SpinEstimate};
@@ -121,7 +121,7 @@ impl Record {
         names: &[String],
         estimators: &[Estimator],
         config: &DatasetConfig,
-        clips: &[Clip],
+        clips: &[FlightClip],
     ) -> Self {
         let mut numbers = 0..;
         let mut flight =

@@ -80,7 +80,7 @@ impl Default for Constraints {
 /// A linear inequality on a small move: `violation + sum_k gradient_k . move(dot_k) <= 0`. Index
 /// `n` (the number of dots) is the seam's normal.
 #[derive(Debug, Clone)]
-pub(super) struct Row {
+pub(super) struct ConstraintRow {
     /// Which constraint this is, the same at every point. The dots that must be in view of one direction share a
     /// number: together they are one constraint, and the largest violation is its value.
     pub number: usize,
@@ -88,7 +88,7 @@ pub(super) struct Row {
     pub violation: f64,
 }
 
-impl Row {
+impl ConstraintRow {
     /// The same inequality on the vectors from number `first` on; those before it do not move.
     pub fn leave_out(&mut self, first: usize) {
         for (index, gradient) in &mut self.terms {
@@ -299,7 +299,7 @@ impl Constraints {
     }
 
     /// All inequalities that a move of each vector by at most `reach` radians may violate.
-    pub(super) fn rows(&self, x: &[Vec3], reach: f64, each: &mut dyn FnMut(Row)) {
+    pub(super) fn rows(&self, x: &[Vec3], reach: f64, each: &mut dyn FnMut(ConstraintRow)) {
         let Some((normal, dots)) = x.split_last() else {
             return;
         };
@@ -308,7 +308,7 @@ impl Constraints {
         // A move of two vectors changes a scalar product by at most twice the reach.
         let mut add = |number, terms, violation: f64| {
             if violation > -2.0 * reach - 1e-9 {
-                each(Row {
+                each(ConstraintRow {
                     number,
                     terms,
                     violation,

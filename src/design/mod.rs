@@ -31,5 +31,5 @@ pub use objective::{Objective, ObjectiveName, OrientationBound};
 pub use ranking::{CameraRank, CameraRecord, CameraRequest};
 pub use request::DesignRequest;
 pub use search::{DesignObserver, DesignOutcome, Stage, design, search_rounds};
-pub use state::{Candidate, Milestone, SearchState, Shard};
+pub use state::{DesignCandidate, Milestone, SearchState, Shard};
 pub use views::DesignViews;

@@ -40,7 +40,7 @@ pub const MAX_SHARDS: usize = 10_000;
 
 /// A pattern in the search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Candidate {
+pub struct DesignCandidate {
     /// The start it came from, counted over all rounds.
     pub start: usize,
     /// The objective's value at the start.
@@ -60,7 +60,7 @@ pub struct Candidate {
     pub dots: Vec<[f64; 3]>,
 }
 
-impl Candidate {
+impl DesignCandidate {
     /// The pattern.
     ///
     /// # Errors
@@ -106,7 +106,7 @@ impl Candidate {
 }
 
 /// Candidates that reach the goal first, then the best rate; ties by cost, then by start.
-pub(super) fn sort_by_rate(candidates: &mut [Candidate]) {
+pub(super) fn sort_by_rate(candidates: &mut [DesignCandidate]) {
     candidates.sort_by(|a, b| {
         a.short_of_goal
             .cmp(&b.short_of_goal)
@@ -134,11 +134,11 @@ pub struct SearchState {
     /// Rounds completed.
     pub round: usize,
     /// Candidates of the current round after their first steps, in the order of their starts.
-    pub scouted: Vec<Candidate>,
+    pub scouted: Vec<DesignCandidate>,
     /// The best quarter of them after the full descent; best scouted first.
-    pub climbed: Vec<Candidate>,
+    pub climbed: Vec<DesignCandidate>,
     /// The best of all rounds, best first.
-    pub pool: Vec<Candidate>,
+    pub pool: Vec<DesignCandidate>,
     /// Seconds spent.
     pub elapsed_s: f64,
     /// The best rate over time.
@@ -156,7 +156,7 @@ fn is_zero(count: &usize) -> bool {
 
 impl SearchState {
     /// The best pattern of the rounds so far.
-    pub fn best(&self) -> Option<&Candidate> {
+    pub fn best(&self) -> Option<&DesignCandidate> {
         self.pool.first()
     }
 

@@ -1,7 +1,7 @@
 //! Steps that go downhill only (K. Levenberg, 1944; D. Marquardt, 1963).
 
 /// A state from which damped steps lead on.
-pub(crate) trait Descent: Sized {
+pub(crate) trait DampedDescent: Sized {
     /// What is to be least.
     fn cost(&self) -> f64;
 
@@ -29,7 +29,7 @@ pub(crate) struct Damping {
 
 impl Damping {
     /// The lowest state that steps from one lead to.
-    pub fn descend<S: Descent>(&self, mut state: S) -> S {
+    pub fn descend<S: DampedDescent>(&self, mut state: S) -> S {
         let mut damping = self.first;
         for _ in 0..self.steps {
             let next = state.stepped(damping);
@@ -60,7 +60,7 @@ mod tests {
         y: f64,
     }
 
-    impl Descent for Valley {
+    impl DampedDescent for Valley {
         fn cost(&self) -> f64 {
             100.0 * (self.y - self.x * self.x).powi(2) + (1.0 - self.x).powi(2)
         }

@@ -17,7 +17,7 @@ mod normal;
 mod polynomial;
 mod sums;
 
-pub(crate) use damping::{Damping, Descent};
+pub(crate) use damping::{DampedDescent, Damping};
 pub(crate) use loss::{Student, biweight, weighted_sigma};
 pub(crate) use normal::Normal;
 pub(crate) use polynomial::Reweighting;

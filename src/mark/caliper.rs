@@ -48,13 +48,13 @@ pub fn references(dots: &[Vec3]) -> Option<[usize; 3]> {
 
 /// A dot's error on its tangent plane as a linear function of the six distances' errors.
 #[derive(Clone, Copy)]
-struct Laid {
+struct CaliperError {
     dot: Vec3,
     frame: [Vec3; 2],
     error: Matrix2x6<f64>,
 }
 
-impl Laid {
+impl CaliperError {
     /// A dot that has no error.
     fn exact(dot: Vec3) -> Self {
         Self {
@@ -122,9 +122,9 @@ impl Caliper {
     /// The errors of `dots` laid off from three of them.
     pub fn new(dots: &[Vec3], from: [usize; 3]) -> Self {
         let others = (0..dots.len()).filter(|i| !from.contains(i));
-        let three = Laid::three(from.map(|i| dots[i]));
+        let three = CaliperError::three(from.map(|i| dots[i]));
         let ratio = |i: usize| {
-            let laid = three.and_then(|three| Laid::from_three(dots[i], &three));
+            let laid = three.and_then(|three| CaliperError::from_three(dots[i], &three));
             laid.map_or(f64::INFINITY, |laid| laid.worst())
         };
         let own = three.map_or(f64::INFINITY, |three| three[2].worst());

@@ -25,9 +25,9 @@ use crate::pattern::{KeepOut, Pattern};
 use super::axis::free_axis;
 use super::cuts::Cuts;
 use super::drawing::{Anchor, Drawing, Item, Layer, PageSize, Point, Shape};
-use super::labels::{Rectangle, Spot};
+use super::labels::{LabelledDot, Rectangle};
 use super::outline::{band, circle_on_ball, facets, holds, lines_inside};
-use super::{MarkConfig, Turned};
+use super::{MarkConfig, TurnedDirections};
 
 /// Turns about the poles that are tried.
 const TURNS: usize = 120;
@@ -85,7 +85,7 @@ pub fn gores(pattern: &Pattern, config: &MarkConfig, gores: &GoreConfig) -> Resu
     let inside = (12..=24).contains(&gores.lobes);
     require(inside, "lobes", "12 to 24", gores.lobes)?;
     let (rotation, cuts) = best_cuts(pattern, config, gores.lobes)?;
-    let turned = Turned::new(pattern, config, rotation);
+    let turned = TurnedDirections::new(pattern, config, rotation);
     let work = GoreWork {
         config,
         gores,
@@ -147,7 +147,7 @@ fn best_cuts(pattern: &Pattern, config: &MarkConfig, lobes: usize) -> Result<(Ro
 struct GoreWork<'a> {
     config: &'a MarkConfig,
     gores: &'a GoreConfig,
-    turned: &'a Turned,
+    turned: &'a TurnedDirections,
     cuts: &'a Cuts,
     /// Radius of the ball, mm.
     radius: f64,
@@ -156,19 +156,19 @@ struct GoreWork<'a> {
 }
 
 /// A part of a lobe on a page, in the lobe's plane, mm.
-struct Piece {
+struct LobePart {
     lobe: usize,
     /// Its letter, with its number from the south where the lobe is cut across.
     name: String,
     outline: Vec<Point>,
     /// Its dots.
-    dots: Vec<(usize, Spot)>,
+    dots: Vec<(usize, LabelledDot)>,
     /// Lowest and highest x and y.
     x: [f64; 2],
     y: [f64; 2],
 }
 
-impl Piece {
+impl LobePart {
     /// How far the piece reaches to a side (-1 or 1) between two heights, mm.
     fn reach(&self, sign: f64, [low, high]: [f64; 2]) -> f64 {
         let n = self.outline.len();
@@ -219,7 +219,7 @@ impl GoreWork<'_> {
     }
 
     /// All pieces: whole lobes, or parts that fit the page.
-    fn pieces(&self) -> Result<Vec<Piece>> {
+    fn pieces(&self) -> Result<Vec<LobePart>> {
         let mut pieces = Vec::new();
         for lobe in 0..self.gores.lobes {
             let outline: Vec<Point> = self
@@ -239,7 +239,7 @@ impl GoreWork<'_> {
                 {
                     let far = rim.iter().map(|p| (p - center).norm());
                     let radius = far.fold(0.0, f64::max);
-                    dots.push((dot, Spot { center, radius }));
+                    dots.push((dot, LabelledDot { center, radius }));
                 }
             }
             let cuts = self.cuts_across(lobe, &outline)?;
@@ -253,7 +253,7 @@ impl GoreWork<'_> {
                 let held = dots
                     .iter()
                     .filter(|(_, s)| (y[0]..y[1]).contains(&s.center.y));
-                pieces.push(Piece {
+                pieces.push(LobePart {
                     lobe,
                     name,
                     x: range(outline.iter().map(|p| p.x)),
@@ -371,7 +371,7 @@ impl GoreWork<'_> {
     }
 
     /// Draws a piece whose plane has its origin at `origin` of the page.
-    fn draw(&self, piece: &Piece, origin: Point, items: &mut Vec<Item>) {
+    fn draw(&self, piece: &LobePart, origin: Point, items: &mut Vec<Item>) {
         let placed =
             |points: &[Point]| -> Vec<Point> { points.iter().map(|p| origin + p.coords).collect() };
         for zone in &self.turned.keep_out {
@@ -397,7 +397,7 @@ impl GoreWork<'_> {
 
     /// Writes a piece's name into it with an arrow to the north above, as far south as there is space.
     /// Where there is none, they stand below the piece.
-    fn name(&self, piece: &Piece, origin: Point, items: &mut Vec<Item>) {
+    fn name(&self, piece: &LobePart, origin: Point, items: &mut Vec<Item>) {
         let full = (NAME.0 * self.step * self.radius).clamp(NAME.1, NAME.2);
         let place = NAME_SIZES.iter().find_map(|size| {
             let height = size * full;
@@ -444,8 +444,8 @@ impl GoreWork<'_> {
     }
 
     /// Whether a rectangle lies within a piece, off its dots and the zones without dots.
-    fn has_room(&self, piece: &Piece, place: &Rectangle) -> bool {
-        let off = |spot: &Spot| place.distance(&spot.center) >= spot.radius + NAME_GAP_MM;
+    fn has_room(&self, piece: &LobePart, place: &Rectangle) -> bool {
+        let off = |spot: &LabelledDot| place.distance(&spot.center) >= spot.radius + NAME_GAP_MM;
         let [w, h] = place.half.map(|half| half + NAME_GAP_MM);
         let outside = |zone: &KeepOut| {
             let center = self.direction(&place.center, piece.lobe);
@@ -466,7 +466,7 @@ impl GoreWork<'_> {
 
 /// Writes a piece's numbers beside it, each at the height of its dot and on the nearer side, and
 /// moves them up where they would meet; a thin line leads from a number to the cut beside its dot.
-fn number(piece: &Piece, origin: Point, items: &mut Vec<Item>) {
+fn number(piece: &LobePart, origin: Point, items: &mut Vec<Item>) {
     for sign in [-1.0, 1.0] {
         // A dot in the very middle belongs to the right side only.
         let mut here: Vec<_> = piece.dots.iter().collect();

@@ -180,13 +180,13 @@ impl MarkConfig {
 }
 
 /// Directions of a pattern turned into the frame of the marks.
-struct Turned {
+struct TurnedDirections {
     rotation: Rotation,
     dots: Vec<Vec3>,
     keep_out: Vec<KeepOut>,
 }
 
-impl Turned {
+impl TurnedDirections {
     fn new(pattern: &Pattern, config: &MarkConfig, rotation: Rotation) -> Self {
         Self {
             rotation,

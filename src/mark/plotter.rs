@@ -24,7 +24,7 @@ use crate::pattern::Pattern;
 use super::axis::free_axis;
 use super::drawing::{Drawing, Item, Layer, Page, Point, Shape};
 use super::outline::{circle_on_ball, facets};
-use super::{MarkConfig, Turned, longitude_latitude};
+use super::{MarkConfig, TurnedDirections, longitude_latitude};
 
 /// Distance of neighboring rings as a part of the pen's width.
 const OVERLAP: f64 = 0.8;
@@ -216,7 +216,7 @@ pub fn plotter_drawing(
             items.push(Item::of_dot(Layer::Dots, path.dot, Shape::Line(line)));
         }
     }
-    let turned = Turned::new(pattern, config, rotation);
+    let turned = TurnedDirections::new(pattern, config, rotation);
     let mut note = turned.note("plotter", pattern, config);
     note.insert("projection".into(), json!("equirectangular"));
     note.insert("steps_per_turn".into(), json!(steps));
@@ -268,11 +268,11 @@ pub fn plotter_program(
     plotter: &PlotterConfig,
 ) -> Result<String> {
     let (rotation, paths) = plotter_paths(pattern, config, plotter)?;
-    let turned = Turned::new(pattern, config, rotation);
+    let turned = TurnedDirections::new(pattern, config, rotation);
     let mut note = turned.note("plotter", pattern, config);
     note.insert("pen_diameter_mm".into(), json!(plotter.pen_diameter_mm));
     let note = serde_json::Value::Object(note).to_string();
-    let mut out = Lines(String::new());
+    let mut out = TextLines(String::new());
     out.line("; X longitude, Y latitude, degrees; begin with the pen");
     out.line("; at longitude 0 on the equator");
     for (k, piece) in note.as_bytes().chunks(COMMENT).enumerate() {
@@ -329,9 +329,9 @@ fn at(longitude: f64, latitude: f64) -> String {
 }
 
 /// Lines of text.
-struct Lines(String);
+struct TextLines(String);
 
-impl Lines {
+impl TextLines {
     fn line(&mut self, words: impl std::fmt::Display) {
         // Writing to a String cannot fail.
         let _ = writeln!(self.0, "{words}");

@@ -23,9 +23,9 @@ use crate::pattern::Pattern;
 use super::axis::free_axis;
 use super::caliper::{Caliper, references};
 use super::drawing::{Anchor, Drawing, Item, Layer, Page, PageSize, Point, Shape, text_width};
-use super::labels::{Labels, Rectangle, Spot};
+use super::labels::{LabelledDot, Labels, Rectangle};
 use super::outline::{circle, circle_on_ball, facets};
-use super::{MarkConfig, Turned, longitude_latitude};
+use super::{MarkConfig, TurnedDirections, longitude_latitude};
 
 /// Height of numbers and words, mm.
 const TEXT_MM: f64 = 2.4;
@@ -65,7 +65,7 @@ pub fn stickers(
     let inside = (0.0..=5.0).contains(&stickers.bleed_mm);
     require(inside, "bleed_mm", "0 to 5 mm", stickers.bleed_mm)?;
     let rotation = free_axis(pattern.dots()).rotation(0.0);
-    let turned = Turned::new(pattern, config, rotation);
+    let turned = TurnedDirections::new(pattern, config, rotation);
     let mut sheets = Sheets::new(stickers.page);
     dots(pattern, config, stickers, &mut sheets)?;
     let maps = maps(&turned, config, &mut sheets)?;
@@ -228,22 +228,12 @@ fn dots(
 }
 
 /// Both maps, and where they lie.
-fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<serde_json::Value> {
-    let radius = config.radius_mm();
-    // The greatest of 1:1, 1:2, ... at which both stand side by side with their labels.
-    let label = text_width(MAP_LABEL.0, MAP_LABEL.1) + MAP_GAP_MM.1;
-    let at_scale = |divisor: f64| Map {
-        center: Point::origin(),
-        sign: 1.0,
-        radius: radius / divisor,
-        beyond: FRAC_PI_2 * radius / divisor * config.dot_angle_rad() + MAP_GAP_MM.1,
-    };
-    let half_width = |map: &Map| map.rim() + map.beyond + label;
-    let mut divisor = 1.0;
-    while half_width(&at_scale(divisor)) > 0.25 * sheets.width {
-        divisor += 1.0;
-    }
-    let map = at_scale(divisor);
+fn maps(
+    turned: &TurnedDirections,
+    config: &MarkConfig,
+    sheets: &mut Sheets,
+) -> Result<serde_json::Value> {
+    let (map, divisor) = largest_map(config, sheets.width);
     let scale = 1.0 / divisor;
     let beside = map.beyond + MAP_LABEL.1 + MAP_GAP_MM.0;
     let height = 2.0 * (map.rim() + beside) + 3.0 * ROW_MM;
@@ -288,6 +278,25 @@ fn maps(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Result<ser
     Ok(places.collect())
 }
 
+/// The map at the greatest of the scales 1:1, 1:2, ... at which two stand side by side with their labels on a page of this width, and what its scale
+/// divides by.
+fn largest_map(config: &MarkConfig, width: f64) -> (Map, f64) {
+    let radius = config.radius_mm();
+    let label = text_width(MAP_LABEL.0, MAP_LABEL.1) + MAP_GAP_MM.1;
+    let at_scale = |divisor: f64| Map {
+        center: Point::origin(),
+        sign: 1.0,
+        radius: radius / divisor,
+        beyond: FRAC_PI_2 * radius / divisor * config.dot_angle_rad() + MAP_GAP_MM.1,
+    };
+    let half_width = |map: &Map| map.rim() + map.beyond + label;
+    let mut divisor = 1.0;
+    while half_width(&at_scale(divisor)) > 0.25 * width {
+        divisor += 1.0;
+    }
+    (at_scale(divisor), divisor)
+}
+
 /// One hemisphere.
 #[derive(Clone, Copy)]
 struct Map {
@@ -313,7 +322,7 @@ impl Map {
         Point::new(self.center.x + r * cos, self.center.y + self.sign * r * sin)
     }
 
-    fn draw(&self, turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) {
+    fn draw(&self, turned: &TurnedDirections, config: &MarkConfig, sheets: &mut Sheets) {
         let mut labels = Labels {
             spots: Vec::new(),
             taken: Vec::new(),
@@ -382,7 +391,7 @@ impl Map {
             let points: Vec<Point> = rim.map(|v| self.place(&v)).collect();
             let at = self.place(center);
             let far = points.iter().map(|p| (p - at).norm());
-            let spot = Spot {
+            let spot = LabelledDot {
                 center: at,
                 radius: far.fold(0.0, f64::max),
             };
@@ -400,7 +409,7 @@ impl Map {
 
 /// Latitudes, longitudes and straight distances, and how exact a caliper must be. The table begins a
 /// page where it fits one whole, else its heading is repeated.
-fn table(turned: &Turned, config: &MarkConfig, sheets: &mut Sheets) -> Option<Caliper> {
+fn table(turned: &TurnedDirections, config: &MarkConfig, sheets: &mut Sheets) -> Option<Caliper> {
     let from = references(&turned.dots)?;
     let caliper = Caliper::new(&turned.dots, from);
     let to = |i: usize| format!("to dot {}, mm", from[i]);

@@ -20,7 +20,7 @@ use sha2::{Digest, Sha256};
 use crate::error::{Error, Result};
 #[cfg(feature = "native")]
 use crate::files;
-use crate::files::csv::{Format, Row, Rows};
+use crate::files::csv::{CsvFormat, CsvRow, Rows};
 use crate::geometry::{Vec3, angle_between, pair_rotation, random_direction};
 
 pub use keep_out::KeepOut;
@@ -143,7 +143,7 @@ impl Pattern {
     /// # Errors
     /// [`Error::Input`] naming the line and what was expected there.
     pub fn from_csv(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let mut rows = Rows::new(path, bytes, Format::default());
+        let mut rows = Rows::new(path, bytes, CsvFormat::default());
         let mut dots = Vec::new();
         let mut lines = Vec::new();
         let mut is_first = true;
@@ -320,7 +320,7 @@ pub fn random_pattern<R: Rng>(
 }
 
 /// Whether a row is the header that a pattern may have.
-fn is_header(row: &Row<'_>) -> bool {
+fn is_header(row: &CsvRow<'_>) -> bool {
     row.len() == 3
         && row
             .fields()

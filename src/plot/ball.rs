@@ -61,7 +61,7 @@ impl BallDrawing {
 }
 
 /// A side from which the ball is seen, orthographically, with +y up.
-pub(super) struct Side {
+pub(super) struct ViewSide {
     pub caption: &'static str,
     /// Direction that points right in the picture.
     right: Vec3,
@@ -71,7 +71,7 @@ pub(super) struct Side {
     z_towards: bool,
 }
 
-impl Side {
+impl ViewSide {
     /// Front, then back. The back is what is seen after half a turn of the ball about y.
     pub fn both() -> [Self; 2] {
         [
@@ -116,7 +116,7 @@ pub fn pattern_views(path: &Path, pattern: &Pattern, view: &BallDrawing) -> Resu
     picture(path, VIEWS_SIZE, |root| {
         let area = titled(root, &view.title)?;
         let halves = area.split_evenly((1, 2));
-        for (half, side) in halves.iter().zip(Side::both()) {
+        for (half, side) in halves.iter().zip(ViewSide::both()) {
             let dots: Vec<Vec3> = pattern.dots().iter().map(|d| side.view(d)).collect();
             let zones: Vec<(Vec3, f64)> = pattern
                 .keep_out()
@@ -344,7 +344,7 @@ fn beside(dot: Extent, (half_width, half_height): (f64, f64), taken: &[Extent]) 
 }
 
 /// The axes' directions in the view's lower left corner: x and y as arrows, z as a tip or tail.
-fn draw_axes(area: &Area<'_>, side: &Side) -> Drawn {
+fn draw_axes(area: &Area<'_>, side: &ViewSide) -> Drawn {
     let length = px(44.0);
     let forwards = if side.z_towards { 1 } else { -1 };
     let x = px(if side.z_towards { 46.0 } else { 90.0 });

@@ -8,7 +8,7 @@ use plotters::style::text_anchor::HPos;
 
 use super::axis::{Axis, Unit, percent, rate_axis};
 use super::canvas::{
-    Area, Drawn, INK, Key, LABEL, SMALL, Sign, chart, color, fitted, font, mark, picture, px,
+    Area, Drawn, INK, Key, LABEL, LegendSign, SMALL, chart, color, fitted, font, mark, picture, px,
     stroke, text, text_width, titled, with_legend,
 };
 use super::curves::whisker;
@@ -92,8 +92,8 @@ pub fn bar_comparison(path: &Path, plot: &BarChart) -> Result<()> {
             .map(|(i, name)| Key {
                 name: name.clone(),
                 sign: match plot.scale {
-                    RateScale::Success => Sign::Box(i),
-                    RateScale::Failure => Sign::Series(i),
+                    RateScale::Success => LegendSign::Box(i),
+                    RateScale::Failure => LegendSign::Series(i),
                 },
             })
             .collect();

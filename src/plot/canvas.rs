@@ -313,11 +313,11 @@ pub(super) struct Key {
     /// What it explains.
     pub name: String,
     /// How it is drawn.
-    pub sign: Sign,
+    pub sign: LegendSign,
 }
 
 /// The sign in a legend.
-pub(super) enum Sign {
+pub(super) enum LegendSign {
     /// A line with the marks of series `i`.
     Series(usize),
     /// A plain line in the color of series `i`.
@@ -329,7 +329,7 @@ pub(super) enum Sign {
 }
 
 /// A legend's line: the width used, and its entries with their offsets (drawn pixels).
-type LegendLine<'a> = (i32, Vec<(i32, &'a Sign, String)>);
+type LegendLine<'a> = (i32, Vec<(i32, &'a LegendSign, String)>);
 
 /// Writes a legend on top of `area`, in as many lines as it needs, and returns what is left
 /// beneath.
@@ -360,21 +360,21 @@ pub(super) fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Drawn<Area<'a>> 
 }
 
 /// Draws a legend's sign rightwards from `at`.
-fn draw_sign(area: &Area<'_>, sign: &Sign, (x, y): (i32, i32)) -> Drawn {
+fn draw_sign(area: &Area<'_>, sign: &LegendSign, (x, y): (i32, i32)) -> Drawn {
     let ends = |from: f64, to: f64| vec![(x + px(from), y), (x + px(to), y)];
     match sign {
-        Sign::Series(i) => {
+        LegendSign::Series(i) => {
             area.draw(&PathElement::new(ends(0.0, 34.0), stroke(color(*i), 2.0)))?;
             mark(area, *i, (x + px(17.0), y))?;
         }
-        Sign::Line(i) => {
+        LegendSign::Line(i) => {
             area.draw(&PathElement::new(ends(0.0, 34.0), stroke(color(*i), 2.5)))?;
         }
-        Sign::Box(i) => {
+        LegendSign::Box(i) => {
             let corners = [(x + px(10.0), y - px(8.0)), (x + px(32.0), y + px(8.0))];
             area.draw(&Rectangle::new(corners, color(*i).filled()))?;
         }
-        Sign::Dashes => {
+        LegendSign::Dashes => {
             for from in [0.0, 13.0, 26.0] {
                 area.draw(&PathElement::new(ends(from, from + 8.0), stroke(GRAY, 2.0)))?;
             }

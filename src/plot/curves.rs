@@ -6,7 +6,7 @@ use plotters::prelude::*;
 
 use super::axis::{Axis, Unit, rate_axis};
 use super::canvas::{
-    Area, Chart, Drawn, GRAY, Key, Sign, chart, color, mark, picture, px, stroke, titled,
+    Area, Chart, Drawn, GRAY, Key, LegendSign, chart, color, mark, picture, px, stroke, titled,
     with_legend,
 };
 use super::{RatePoint, RateScale};
@@ -99,7 +99,7 @@ pub fn rate_curves(path: &Path, plot: &CurvePlot) -> Result<()> {
     let y = rate_axis("rates", plot.scale, &points)?;
     picture(path, CURVES_SIZE, |root| {
         let area = titled(root, &plot.title)?;
-        let keys = keys(plot.series.iter().map(|s| &s.name), Sign::Series);
+        let keys = keys(plot.series.iter().map(|s| &s.name), LegendSign::Series);
         let area = with_legend(&area, &keys)?;
         let chart = chart(
             &area,
@@ -136,10 +136,10 @@ pub fn reliability_plot(path: &Path, plot: &ReliabilityPlot) -> Result<()> {
     }
     picture(path, RELIABILITY_SIZE, |root| {
         let area = titled(root, &plot.title)?;
-        let mut keys = keys(plot.series.iter().map(|s| &s.name), Sign::Series);
+        let mut keys = keys(plot.series.iter().map(|s| &s.name), LegendSign::Series);
         keys.push(Key {
             name: "perfectly calibrated".into(),
-            sign: Sign::Dashes,
+            sign: LegendSign::Dashes,
         });
         let area = with_legend(&area, &keys)?;
         let axes = ((&axis, &*plot.x_label), (&axis, &*plot.y_label));
@@ -168,7 +168,7 @@ pub fn scatter_plot(path: &Path, plot: &ScatterPlot) -> Result<()> {
     let y = Axis::linear("y", points().map(|p| p.1), Unit::Plain, UNBOUNDED)?;
     picture(path, CURVES_SIZE, |root| {
         let area = titled(root, &plot.title)?;
-        let keys = keys(plot.series.iter().map(|s| &s.name), Sign::Series);
+        let keys = keys(plot.series.iter().map(|s| &s.name), LegendSign::Series);
         let area = with_legend(&area, &keys)?;
         let axes = ((&x, &*plot.x_label), (&y, &*plot.y_label));
         let chart = chart(&area, axes.0, axes.1, (true, true))?;
@@ -203,7 +203,7 @@ fn checked(series: &[RateSeries]) -> Result<Vec<RatePoint>> {
 }
 
 /// Legend entries for series; a single one without a name gets none.
-fn keys<'a>(names: impl Iterator<Item = &'a String>, sign: fn(usize) -> Sign) -> Vec<Key> {
+fn keys<'a>(names: impl Iterator<Item = &'a String>, sign: fn(usize) -> LegendSign) -> Vec<Key> {
     names
         .enumerate()
         .map(|(i, name)| Key {

@@ -7,8 +7,8 @@ use plotters::style::text_anchor::HPos;
 
 use super::axis::{Axis, Unit, significant};
 use super::canvas::{
-    Area, Drawn, GRID, INK, Key, SMALL, Sign, chart, color, picture, px, stroke, text, titled,
-    with_legend,
+    Area, Drawn, GRID, INK, Key, LegendSign, SMALL, chart, color, picture, px, stroke, text,
+    titled, with_legend,
 };
 use crate::error::{Error, Result};
 
@@ -234,8 +234,8 @@ fn draw_histogram(root: &Area<'_>, area: &Area<'_>, distances: &Distances<'_>) -
     let highest = counts.iter().copied().max().unwrap_or(1);
     let y = Axis::linear_exactly(0.0, (highest as f64 * 1.06).max(5.0), Unit::Plain);
     let keys = [
-        ("mean", distances.mean, Sign::Line(1)),
-        ("median", distances.median, Sign::Line(2)),
+        ("mean", distances.mean, LegendSign::Line(1)),
+        ("median", distances.median, LegendSign::Line(2)),
     ]
     .map(|(name, value, sign)| Key {
         name: format!("{name} {}", significant(value)),

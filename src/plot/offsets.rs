@@ -5,7 +5,7 @@ use std::path::Path;
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
-use super::ball::{Side, VIEWS_SIZE};
+use super::ball::{VIEWS_SIZE, ViewSide};
 use super::canvas::{
     self, Area, Drawn, INK, LABEL, SMALL, color, picture, px, stroke, text, titled,
 };
@@ -52,7 +52,7 @@ pub struct OffsetDot {
 pub fn offset_views(path: &Path, dots: &[OffsetDot], title: &str) -> Result<()> {
     picture(path, VIEWS_SIZE, |root| {
         let area = titled(root, title)?;
-        for (half, side) in area.split_evenly((1, 2)).iter().zip(Side::both()) {
+        for (half, side) in area.split_evenly((1, 2)).iter().zip(ViewSide::both()) {
             draw_side(half, &side, dots)?;
         }
         let (width, height) = area.dim_in_pixel();
@@ -66,7 +66,7 @@ pub fn offset_views(path: &Path, dots: &[OffsetDot], title: &str) -> Result<()> 
     })
 }
 
-fn draw_side(area: &Area<'_>, side: &Side, dots: &[OffsetDot]) -> Drawn {
+fn draw_side(area: &Area<'_>, side: &ViewSide, dots: &[OffsetDot]) -> Drawn {
     let (cx, cy) = (area.dim_in_pixel().0 as i32 / 2, px(CENTER_Y));
     let radius = px(RADIUS);
     area.draw(&Circle::new((cx, cy), radius, stroke(canvas::GRAY, 1.0)))?;

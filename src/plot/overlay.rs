@@ -7,7 +7,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
 use super::canvas::{self, Area, Drawn, INK, SCALE, SMALL, px};
-use super::places::Places;
+use super::places::LabelPlaces;
 use crate::error::Result;
 use crate::image::RgbImage;
 use crate::vision::Pixel;
@@ -349,7 +349,7 @@ type Label = ((i32, i32), i32, String, RGBColor);
 #[derive(Default)]
 struct DotLabels {
     /// What is taken by the dots.
-    places: Places,
+    places: LabelPlaces,
     numbers: Vec<Label>,
     shares: Vec<Label>,
 }

@@ -12,13 +12,13 @@ const GAP: f64 = 1.0;
 
 /// What labels keep clear of, and those that are set; drawn pixels.
 #[derive(Default)]
-pub(super) struct Places {
+pub(super) struct LabelPlaces {
     discs: Vec<((i32, i32), i32)>,
     /// Middles and half sizes.
     labels: Vec<((i32, i32), (i32, i32))>,
 }
 
-impl Places {
+impl LabelPlaces {
     /// Keeps a mark free.
     pub fn keep(&mut self, center: (i32, i32), radius: i32) {
         self.discs.push((center, radius));
@@ -65,11 +65,11 @@ impl Places {
 
 #[cfg(test)]
 mod tests {
-    use super::Places;
+    use super::LabelPlaces;
 
     #[test]
     fn labels_keep_off_marks_and_one_another() {
-        let mut places = Places::default();
+        let mut places = LabelPlaces::default();
         for k in 0..3 {
             places.keep((30 * k, 0), 10);
         }

@@ -7,10 +7,10 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
 use super::canvas::{
-    Area, Drawn, GRAY, INK, Key, SMALL, Sign, color, font, picture, px, stroke, text, text_width,
-    titled, with_legend, wrapped,
+    Area, Drawn, GRAY, INK, Key, LegendSign, SMALL, color, font, picture, px, stroke, text,
+    text_width, titled, with_legend, wrapped,
 };
-use super::places::Places;
+use super::places::LabelPlaces;
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::Pattern;
@@ -66,9 +66,9 @@ pub fn recognition_views(
             sign,
         };
         let keys = [
-            key("observed (discs)", Sign::Box(OBSERVED)),
-            key("true (rings)", Sign::Box(TRUTH)),
-            key("answered (crosses)", Sign::Box(ANSWER)),
+            key("observed (discs)", LegendSign::Box(OBSERVED)),
+            key("true (rings)", LegendSign::Box(TRUTH)),
+            key("answered (crosses)", LegendSign::Box(ANSWER)),
         ];
         let area = with_legend(&area, &keys)?;
         for (panel, view) in area.split_evenly((1, views.len())).iter().zip(views) {
@@ -102,7 +102,7 @@ fn draw_view(area: &Area<'_>, pattern: &Pattern, view: &RecognitionView) -> Draw
     let truth: Vec<_> = seen(view.truth).map(|(j, q)| (j, place(&q))).collect();
     let answer = view.answer.into_iter().flat_map(seen);
     let answer: Vec<_> = answer.map(|(j, q)| (j, place(&q))).collect();
-    let mut places = Places::default();
+    let mut places = LabelPlaces::default();
     for d in &view.observed {
         places.keep(place(d), px(5.0));
     }

@@ -31,7 +31,7 @@ pub(super) type Rgb = [f64; 3];
 
 /// How a solid is colored.
 #[derive(Debug, Clone)]
-pub(super) enum Paint {
+pub(super) enum SolidPaint {
     /// A shell between two spheres: smooth on them, and dark where it is engraved.
     Shell {
         /// Its color.
@@ -58,7 +58,7 @@ pub(super) enum Paint {
     },
 }
 
-impl Paint {
+impl SolidPaint {
     /// The color at a point of the surface, mm.
     fn at(&self, p: &Vec3) -> Rgb {
         match self {
@@ -121,18 +121,18 @@ pub(super) struct Body<'a> {
     /// Its surface.
     pub mesh: &'a Mesh,
     /// Its colors.
-    pub paint: &'a Paint,
+    pub paint: &'a SolidPaint,
 }
 
 /// Where the viewer stands: orthonormal directions of the picture, right-handed.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct View {
+pub(super) struct Viewpoint {
     right: Vec3,
     up: Vec3,
     towards: Vec3,
 }
 
-impl View {
+impl Viewpoint {
     /// Seen from `azimuth_deg` (from +x towards +y) and `height_deg` above the plane z = 0, z
     /// upwards.
     pub fn from(azimuth_deg: f64, height_deg: f64) -> Self {
@@ -153,7 +153,7 @@ impl View {
 
 /// What is seen in one pixel.
 #[derive(Clone, Copy)]
-struct Pixel {
+struct SeenPixel {
     depth: f64,
     normal: Vec3,
     color: Rgb,
@@ -166,7 +166,7 @@ const BAND_ROWS: usize = 128;
 struct Band {
     width: usize,
     rows: Range<usize>,
-    pixels: Vec<Option<Pixel>>,
+    pixels: Vec<Option<SeenPixel>>,
 }
 
 impl Band {
@@ -179,7 +179,7 @@ impl Band {
     }
 
     /// What is seen in a pixel of the picture that lies in these rows.
-    fn at(&self, x: usize, y: usize) -> Option<Pixel> {
+    fn at(&self, x: usize, y: usize) -> Option<SeenPixel> {
         self.pixels[(y - self.rows.start) * self.width + x]
     }
 }
@@ -187,9 +187,9 @@ impl Band {
 /// A scene's place in a picture: `scale` drawn pixels per millimeter, the view's origin at
 /// `center`.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Frame {
+pub(super) struct SolidFrame {
     /// Viewer.
-    pub view: View,
+    pub view: Viewpoint,
     /// Drawn pixels per millimeter.
     pub scale: f64,
     /// The point of the scene that is drawn in the middle, in the view's frame, mm.
@@ -198,11 +198,11 @@ pub(super) struct Frame {
     pub center: (i32, i32),
 }
 
-impl Frame {
+impl SolidFrame {
     /// A frame that shows all of `bodies` within `available` (width, height; drawn pixels) about
     /// `center`.
     pub fn fitted(
-        view: View,
+        view: Viewpoint,
         bodies: &[Body<'_>],
         available: (f64, f64),
         center: (i32, i32),
@@ -236,7 +236,7 @@ impl Frame {
 }
 
 /// Renders `bodies` into `area`.
-pub(super) fn render(area: &Area<'_>, frame: &Frame, bodies: &[Body<'_>]) -> Drawn {
+pub(super) fn render(area: &Area<'_>, frame: &SolidFrame, bodies: &[Body<'_>]) -> Drawn {
     let (width, height) = area.dim_in_pixel();
     let (width, height) = (width as usize, height as usize);
     let light = Vec3::from(LIGHT).normalize();
@@ -270,7 +270,7 @@ pub(super) fn render(area: &Area<'_>, frame: &Frame, bodies: &[Body<'_>]) -> Dra
 }
 
 /// Whether the surface jumps or folds between a pixel and one of its neighbors.
-fn on_line(band: &Band, (x, y): (usize, usize), frame: &Frame) -> bool {
+fn on_line(band: &Band, (x, y): (usize, usize), frame: &SolidFrame) -> bool {
     let Some(here) = band.at(x, y) else {
         return false;
     };
@@ -296,7 +296,7 @@ fn on_line(band: &Band, (x, y): (usize, usize), frame: &Frame) -> bool {
 }
 
 /// Draws one triangle into the band where nothing nearer is.
-fn fill(band: &mut Band, frame: &Frame, corners: &[Vec3; 3], paint: &Paint) {
+fn fill(band: &mut Band, frame: &SolidFrame, corners: &[Vec3; 3], paint: &SolidPaint) {
     let q = corners.each_ref().map(|c| frame.place(c));
     let cross = |a: (f64, f64, f64), b: (f64, f64, f64), x: f64, y: f64| {
         (b.0 - a.0) * (y - a.1) - (b.1 - a.1) * (x - a.0)
@@ -333,7 +333,7 @@ fn fill(band: &mut Band, frame: &Frame, corners: &[Vec3; 3], paint: &Paint) {
             let slot = &mut band.pixels[(y - band.rows.start) * band.width + x];
             if slot.is_none_or(|p| depth > p.depth) {
                 let point = w[0] * corners[0] + w[1] * corners[1] + w[2] * corners[2];
-                *slot = Some(Pixel {
+                *slot = Some(SeenPixel {
                     depth,
                     normal: frame.view.apply(&paint.normal(&point, &normal)),
                     color: paint.at(&point),

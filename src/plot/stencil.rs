@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
 use super::canvas::{self, Area, Drawn, INK, LABEL, SMALL, picture, px, styled_text, text, titled};
-use super::solid::{Body, Frame, Paint, Rgb, View, render};
+use super::solid::{Body, Rgb, SolidFrame, SolidPaint, Viewpoint, render};
 use crate::error::Result;
 use crate::geometry::{Rotation, Vec3};
 use crate::stencil::{HalfName, Mesh, Stencil, shapes};
@@ -35,23 +35,23 @@ const CAPTION: f64 = 52.0;
 struct Panel<'a> {
     caption: &'a str,
     note: String,
-    view: View,
+    view: Viewpoint,
     bodies: Vec<Body<'a>>,
     labels: Vec<(usize, Vec3)>,
 }
 
 /// All that is drawn.
-struct Scene<'a> {
+struct StencilScene<'a> {
     stencil: &'a Stencil,
     /// Half A, half B, and half B opened.
     placed: [Mesh; 3],
     /// The ball in the closed stencil, and in half B opened.
-    balls: [(Mesh, Paint); 2],
+    balls: [(Mesh, SolidPaint); 2],
     /// Paints of half A and half B as placed, of half B opened, and of both as printed.
-    paints: [Paint; 5],
+    paints: [SolidPaint; 5],
 }
 
-impl<'a> Scene<'a> {
+impl<'a> StencilScene<'a> {
     fn new(stencil: &'a Stencil) -> Self {
         let opening = OPEN_DEG.to_radians();
         let radius = 0.5 * stencil.config().ball_diameter_mm;
@@ -59,7 +59,7 @@ impl<'a> Scene<'a> {
         let hinge = Vec3::new(stencil.joint().axis_mm, 0.0, 0.0);
         let turn = Rotation::from_axis_angle(&Vec3::y_axis(), -opening);
         let edge = (0.5 * stencil.config().hole_diameter_mm / radius).asin();
-        let paint = |turn: Rotation, center: Vec3| Paint::Ball {
+        let paint = |turn: Rotation, center: Vec3| SolidPaint::Ball {
             colors: [BALL, DOT, ZONE],
             zones: stencil
                 .zones()
@@ -71,7 +71,7 @@ impl<'a> Scene<'a> {
             edge_cos: edge.cos(),
         };
         let config = stencil.config();
-        let shell = |color: Rgb, center: Vec3| Paint::Shell {
+        let shell = |color: Rgb, center: Vec3| SolidPaint::Shell {
             color,
             center,
             radii: [
@@ -106,7 +106,7 @@ impl<'a> Scene<'a> {
     }
 
     /// A half as it is printed.
-    fn printed(&'a self, i: usize, caption: &'a str, view: View) -> Panel<'a> {
+    fn printed(&'a self, i: usize, caption: &'a str, view: Viewpoint) -> Panel<'a> {
         let mesh = &self.stencil.halves()[i].mesh;
         let bounds = mesh.bounding_box();
         let extent = |k: usize| bounds.max_mm[k] - bounds.min_mm[k];
@@ -123,7 +123,7 @@ impl<'a> Scene<'a> {
     }
 
     /// The stencil around the ball, closed or (`open`) opened.
-    fn around(&'a self, open: bool, caption: &'a str, note: String, view: View) -> Panel<'a> {
+    fn around(&'a self, open: bool, caption: &'a str, note: String, view: Viewpoint) -> Panel<'a> {
         let second = 1 + usize::from(open);
         let (ball, paint) = &self.balls[usize::from(open)];
         let body = |mesh, paint| Body { mesh, paint };
@@ -147,7 +147,7 @@ impl<'a> Scene<'a> {
         let count = dots().filter(|(_, d)| d.z * up > 0.0).count();
         let outer = self.stencil.config().outer_radius_mm();
         let labels = dots().filter(|(_, d)| d.z * up > LABELED);
-        let view = View::from(-90.0, 90.0 * up);
+        let view = Viewpoint::from(-90.0, 90.0 * up);
         Panel {
             labels: labels.map(|(i, d)| (i, outer * d)).collect(),
             ..self.around(false, caption, format!("{count} dots"), view)
@@ -162,14 +162,19 @@ impl<'a> Scene<'a> {
 /// # Errors
 /// [`crate::Error::Write`] where the file cannot be written.
 pub fn stencil_views(path: &Path, stencil: &Stencil, title: &str) -> Result<()> {
-    let scene = Scene::new(stencil);
+    let scene = StencilScene::new(stencil);
     let opened = format!("by {OPEN_DEG:.0} degrees, the ball in half B");
     let ball = format!("ball of {} mm", stencil.config().ball_diameter_mm);
     let panels = [
-        scene.printed(0, "Half A, as printed", View::from(-125.0, 35.0)),
-        scene.printed(1, "Half B, as printed", View::from(-40.0, 35.0)),
-        scene.around(true, "Open", opened, View::from(-125.0, 12.0)),
-        scene.around(false, "Closed, from the side", ball, View::from(-75.0, 8.0)),
+        scene.printed(0, "Half A, as printed", Viewpoint::from(-125.0, 35.0)),
+        scene.printed(1, "Half B, as printed", Viewpoint::from(-40.0, 35.0)),
+        scene.around(true, "Open", opened, Viewpoint::from(-125.0, 12.0)),
+        scene.around(
+            false,
+            "Closed, from the side",
+            ball,
+            Viewpoint::from(-75.0, 8.0),
+        ),
         scene.onto(1.0, "Closed, onto half A"),
         scene.onto(-1.0, "Closed, onto half B"),
     ];
@@ -188,7 +193,7 @@ fn draw_panel(area: &Area<'_>, panel: &Panel<'_>) -> Drawn {
     let (width, height) = (f64::from(width), f64::from(height));
     let available = (0.9 * width, height - f64::from(px(CAPTION + 16.0)));
     let center = ((0.5 * width) as i32, (0.5 * available.1) as i32 + px(8.0));
-    let frame = Frame::fitted(panel.view, &panel.bodies, available, center);
+    let frame = SolidFrame::fitted(panel.view, &panel.bodies, available, center);
     render(area, &frame, &panel.bodies)?;
     draw_scale(area, &frame, (width, height))?;
     for (number, place) in &panel.labels {
@@ -217,7 +222,7 @@ fn draw_panel(area: &Area<'_>, panel: &Panel<'_>) -> Drawn {
 }
 
 /// A bar of round length, and the directions of the axes, in the panel's lower corners.
-fn draw_scale(area: &Area<'_>, frame: &Frame, (width, height): (f64, f64)) -> Drawn {
+fn draw_scale(area: &Area<'_>, frame: &SolidFrame, (width, height): (f64, f64)) -> Drawn {
     let longest = 0.22 * width / frame.scale;
     let fits = BARS_MM.iter().rev().find(|mm| **mm <= longest);
     let mm = *fits.unwrap_or(&BARS_MM[0]);

@@ -8,12 +8,12 @@ use std::path::Path;
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
-use super::ball::{Side, VIEWS_SIZE};
+use super::ball::{VIEWS_SIZE, ViewSide};
 use super::canvas::{
     self, Area, Drawn, INK, LABEL, SMALL, picture, px, stroke, styled_text, text, titled,
 };
-use super::places::Places;
-use crate::calibrate::{MarkKind, MarkedSurface, SurfaceMark, SurfacePlace};
+use super::places::LabelPlaces;
+use crate::calibrate::{MarkKind, MarkedSurface, SurfacePlace};
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 
@@ -37,7 +37,7 @@ const NUMBER: f64 = 15.0;
 const BARE: f32 = 244.0;
 const UNSEEN: [RGBColor; 2] = [RGBColor(176, 208, 236), RGBColor(206, 226, 244)];
 
-/// Draws both halves of a ball's surface, dark as the clip shows it, with a ring about every mark and its number, counted from 0.
+/// Draws both halves of a ball's surface, dark as the clip shows it, with a ring about every mark that may be a dot and its number, counted from 0.
 ///
 /// # Errors
 /// [`Error::Argument`] for a surface without places; [`Error::Write`] where the file cannot be written.
@@ -47,9 +47,9 @@ pub fn surface_views(path: &Path, surface: &MarkedSurface) -> Result<()> {
     }
     picture(path, SURFACE_SIZE, |root| {
         let area = titled(root, "The ball as the clip shows it")?;
-        for (half, side) in area.split_evenly((1, 2)).iter().zip(Side::both()) {
+        for (half, side) in area.split_evenly((1, 2)).iter().zip(ViewSide::both()) {
             draw_half(half, &side, &surface.places)?;
-            draw_marks(half, &side, &surface.marks)?;
+            draw_marks(half, &side, surface)?;
             let at = (center(half).0, px(CENTER_Y + RADIUS + 34.0));
             let caption = if side.is_front() {
                 "one half"
@@ -76,7 +76,7 @@ fn flat(at: &Vec3) -> [f64; 2] {
 }
 
 /// Paints the surface: every point as the place that is drawn nearest to it.
-fn draw_half(area: &Area<'_>, side: &Side, places: &[SurfacePlace]) -> Drawn {
+fn draw_half(area: &Area<'_>, side: &ViewSide, places: &[SurfacePlace]) -> Drawn {
     let (cx, cy) = center(area);
     let radius = px(RADIUS);
     let steps = radius / BLOCK;
@@ -124,11 +124,11 @@ fn draw_half(area: &Area<'_>, side: &Side, places: &[SurfacePlace]) -> Drawn {
 }
 
 /// Draws the rings about the marks of a half, and their numbers beside them.
-fn draw_marks(area: &Area<'_>, side: &Side, marks: &[SurfaceMark]) -> Drawn {
+fn draw_marks(area: &Area<'_>, side: &ViewSide, surface: &MarkedSurface) -> Drawn {
     let (cx, cy) = center(area);
-    let mut places = Places::default();
+    let mut places = LabelPlaces::default();
     let mut shown = Vec::new();
-    for (number, mark) in marks.iter().enumerate() {
+    for (number, mark) in surface.worth_a_look().enumerate() {
         let at = side.view(&mark.direction);
         // What the rim cuts through is drawn on both halves.
         if at.z < -CUT * mark.radius_rad.sin() {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::axis::{Axis, Unit};
-use super::canvas::{Key, Sign, chart, color, picture, stroke, titled, with_legend};
+use super::canvas::{Key, LegendSign, chart, color, picture, stroke, titled, with_legend};
 use super::curves::{CURVES_SIZE, LineSeries, draw_rates};
 use crate::error::{Error, Result};
 use plotters::prelude::PathElement;
@@ -76,9 +76,11 @@ pub fn value_curves(path: &Path, plot: &ValuePlot) -> Result<()> {
             sign,
         };
         let values = plot.values.iter().enumerate();
-        let mut keys: Vec<Key> = values.map(|(i, s)| key(&s.name, Sign::Series(i))).collect();
+        let mut keys: Vec<Key> = values
+            .map(|(i, s)| key(&s.name, LegendSign::Series(i)))
+            .collect();
         let lines = plot.lines.iter().enumerate();
-        keys.extend(lines.map(|(i, s)| key(&s.name, Sign::Line(measured + i))));
+        keys.extend(lines.map(|(i, s)| key(&s.name, LegendSign::Line(measured + i))));
         let area = with_legend(&area, &keys)?;
         let axes = ((&x, &*plot.x_label), (&y, &*plot.y_label));
         let chart = chart(&area, axes.0, axes.1, (true, true))?;

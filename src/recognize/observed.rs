@@ -378,11 +378,11 @@ mod tests {
     #[test]
     fn a_frame_is_handed_out_when_the_next_begins() {
         /// Counts the reads.
-        struct Lines<'a>(
+        struct CountedLines<'a>(
             std::str::SplitInclusive<'a, char>,
             &'a std::cell::Cell<usize>,
         );
-        impl std::io::Read for Lines<'_> {
+        impl std::io::Read for CountedLines<'_> {
             fn read(&mut self, to: &mut [u8]) -> std::io::Result<usize> {
                 self.1.set(self.1.get() + 1);
                 let line = self.0.next().unwrap_or_default().as_bytes();
@@ -392,7 +392,7 @@ mod tests {
         }
         let text = "frame,x,y,z\na,1,0,0\na,0,1,0\nb,1,0,0\nb,0,1,0\nc,1,0,0\n";
         let lines = std::cell::Cell::new(0);
-        let input = std::io::BufReader::new(Lines(text.split_inclusive('\n'), &lines));
+        let input = std::io::BufReader::new(CountedLines(text.split_inclusive('\n'), &lines));
         let mut frames = ObservedReader::new(Path::new("dots.csv"), input, 0.1).unwrap();
         assert_eq!(frames.next().unwrap().unwrap().dots.len(), 2);
         assert_eq!(

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::ball::Ball;
 use crate::calibrate::{
-    Calibration, CalibrationConfig, DotState, HeldOut, MIN_EXPECTED_VIEWS, MotionResidual,
-    SurfaceMark, held_out_with,
+    Calibration, CalibrationConfig, DotState, HeldOut, MIN_EXPECTED_VIEWS, MarkedSurface,
+    MotionResidual, SurfaceMark, held_out_with,
 };
 use crate::concurrency::StopFlag;
 use crate::error::{Result, dots};
@@ -487,13 +487,14 @@ impl CalibrationEvaluation {
 }
 
 impl CalibrationReport {
-    /// Notes which dots and marks have which numbers in `marks.png`, which shows `marks`.
-    pub fn number_marks(&mut self, marks: &[SurfaceMark]) {
+    /// Notes which dots and marks have which numbers in `marks.png`, which shows `surface`.
+    pub fn number_marks(&mut self, surface: &MarkedSurface) {
+        let marks: Vec<&SurfaceMark> = surface.worth_a_look().collect();
         let number = |direction: [f64; 3]| {
             let off = |mark: &SurfaceMark| angle_between(&mark.direction, &direction.into());
             let nearest =
-                (0..marks.len()).min_by(|a, b| off(&marks[*a]).total_cmp(&off(&marks[*b])))?;
-            (off(&marks[nearest]) < marks[nearest].radius_rad).then_some(nearest)
+                (0..marks.len()).min_by(|a, b| off(marks[*a]).total_cmp(&off(marks[*b])))?;
+            (off(marks[nearest]) < marks[nearest].radius_rad).then_some(nearest)
         };
         for dot in &mut self.dots {
             dot.mark = number(dot.drawn);

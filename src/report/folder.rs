@@ -13,10 +13,10 @@ use crate::files;
 pub(super) fn report<T: DeserializeOwned>(path: &Path, version: u32) -> Result<T> {
     /// What every report begins with.
     #[derive(Deserialize)]
-    struct Head {
+    struct ReportHead {
         format_version: u32,
     }
-    let found = parsed::<Head>(path)?.format_version;
+    let found = parsed::<ReportHead>(path)?.format_version;
     if found != version {
         let problem = format!("expected version {version}, found {found}");
         return Err(Error::input(path, "format_version", problem));

@@ -32,7 +32,7 @@ use super::{DesignEvaluation, DotPlace, EvaluationConfig, REPORT, evaluate};
 use crate::ball::DesignRecord;
 use crate::design::state::{Checkpoint, ShardRecord};
 use crate::design::{
-    CameraRecord, CameraRequest, Candidate, DesignConfig, DesignObserver, DesignOutcome,
+    CameraRecord, CameraRequest, DesignCandidate, DesignConfig, DesignObserver, DesignOutcome,
     SearchState, Shard, Stage, design, search_rounds,
 };
 use crate::error::{Error, Result};
@@ -70,7 +70,7 @@ pub struct DesignJob {
 
 /// Where a job starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Start {
+pub enum JobStart {
     /// From the beginning, in a folder without a design.
     Fresh,
     /// From the saved search in the folder; the number of rounds may be larger.
@@ -168,7 +168,7 @@ impl DesignJob {
     /// [`crate::Error::Write`] on an I/O failure; those of the observer.
     pub fn run(
         &self,
-        start: Start,
+        start: JobStart,
         stop: &AtomicBool,
         observer: &mut dyn JobObserver,
     ) -> Result<DesignEvaluation> {
@@ -177,8 +177,8 @@ impl DesignJob {
         let _lock = FolderLock::take(&self.dir)?;
         // Another job may have ended in the folder before the lock was taken.
         let state = match start {
-            Start::Resume => state_before,
-            Start::Fresh => self.state(start, None)?,
+            JobStart::Resume => state_before,
+            JobStart::Fresh => self.state(start, None)?,
         };
         self.run_from(state, stop, observer)
     }
@@ -191,7 +191,7 @@ impl DesignJob {
     pub fn run_shard(
         &self,
         shard: Shard,
-        start: Start,
+        start: JobStart,
         stop: &AtomicBool,
         observer: &mut dyn JobObserver,
     ) -> Result<bool> {
@@ -221,7 +221,7 @@ impl DesignJob {
     pub fn merge(
         &self,
         shards: &[PathBuf],
-        start: Start,
+        start: JobStart,
         stop: &AtomicBool,
         observer: &mut dyn JobObserver,
     ) -> Result<DesignEvaluation> {
@@ -235,9 +235,9 @@ impl DesignJob {
     }
 
     /// Where a merge starts: from `merged`, or from its own checkpoint.
-    fn merge_state(&self, merged: SearchState, start: Start) -> Result<SearchState> {
+    fn merge_state(&self, merged: SearchState, start: JobStart) -> Result<SearchState> {
         let path = self.dir.join(CHECKPOINT);
-        if start == Start::Fresh || !path.exists() {
+        if start == JobStart::Fresh || !path.exists() {
             self.reject_taken()?;
             return Ok(merged);
         }
@@ -356,13 +356,13 @@ impl DesignJob {
     }
 
     /// Where the search, or a shard of it, starts.
-    fn state(&self, start: Start, shard: Option<Shard>) -> Result<SearchState> {
+    fn state(&self, start: JobStart, shard: Option<Shard>) -> Result<SearchState> {
         match start {
-            Start::Resume => {
+            JobStart::Resume => {
                 let path = self.dir.join(CHECKPOINT);
                 Checkpoint::load(&path)?.resume(&path, &self.config, shard)
             }
-            Start::Fresh => {
+            JobStart::Fresh => {
                 self.reject_taken()?;
                 Ok(SearchState::default())
             }
@@ -505,7 +505,7 @@ impl DesignObserver for CheckpointKeeper<'_> {
         self.observer.progress(state, stage)
     }
 
-    fn rank(&mut self, finalists: &mut [Candidate]) -> Result<()> {
+    fn rank(&mut self, finalists: &mut [DesignCandidate]) -> Result<()> {
         #[cfg(feature = "vision")]
         if let Some(request) = &self.job.camera {
             let frames = crate::camera::RaceConfig::of_frames(request.frames).frames();

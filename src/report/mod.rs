@@ -26,7 +26,7 @@ use crate::ball::{Ball, DesignRecord, ObjectiveRecord};
 use crate::concurrency::{self, Stopwatch};
 use crate::design::objective::bound::BoundSummary;
 use crate::design::{
-    CameraRecord, Candidate, DesignConfig, DesignOutcome, Milestone, OrientationBound,
+    CameraRecord, DesignCandidate, DesignConfig, DesignOutcome, Milestone, OrientationBound,
 };
 use crate::error::{Error, Result};
 use crate::files;
@@ -43,7 +43,7 @@ use crate::view::{Protocol, ProtocolName};
 pub use dot_place::DotPlace;
 #[cfg(feature = "cli")]
 pub(crate) use job::reject_design;
-pub use job::{CHECKPOINT, DesignJob, JobObserver, ShardedJob, Start};
+pub use job::{CHECKPOINT, DesignJob, JobObserver, JobStart, ShardedJob};
 
 /// The report within a folder, the last file to appear.
 pub(crate) const REPORT: &str = "report.json";
@@ -111,7 +111,7 @@ pub struct DesignReport {
     /// Random starts tried.
     pub starts: usize,
     /// The finalists of the last trial, best first, with their rates on the selection's trials.
-    pub finalists: Vec<Candidate>,
+    pub finalists: Vec<DesignCandidate>,
     /// The objective, and its value.
     pub objective: ObjectiveRecord,
     /// The winner.

@@ -30,13 +30,13 @@ pub enum WhenFull {
 /// Takes frames in a thread of its own, which ends with their source.
 #[derive(Debug)]
 pub struct Grabber {
-    shared: Arc<Shared>,
+    shared: Arc<SharedPictures>,
 }
 
 /// Where a camera's frames go in.
 #[derive(Debug)]
 pub struct FramePusher {
-    shared: Arc<Shared>,
+    shared: Arc<SharedPictures>,
     when_full: WhenFull,
     /// The number of the next frame.
     next: u64,
@@ -45,7 +45,7 @@ pub struct FramePusher {
 }
 
 #[derive(Debug, Default)]
-struct Shared {
+struct SharedPictures {
     queue: Mutex<Queue>,
     changed: Condvar,
 }
@@ -62,7 +62,7 @@ struct Queue {
     is_closed: bool,
 }
 
-impl Shared {
+impl SharedPictures {
     fn lock(&self) -> MutexGuard<'_, Queue> {
         // Nothing is left half done under the lock.
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
@@ -100,7 +100,7 @@ impl Shared {
 
 /// A queue between a camera that calls back and who looks at its frames, which end when the pusher is dropped.
 pub fn queue(when_full: WhenFull) -> (FramePusher, Grabber) {
-    let shared = Arc::new(Shared::default());
+    let shared = Arc::new(SharedPictures::default());
     let pusher = FramePusher {
         shared: Arc::clone(&shared),
         when_full,

@@ -17,12 +17,12 @@ const IS_REDUCED: u64 = 1;
 
 /// How numbers are written.
 #[derive(Clone, Copy)]
-struct Layout {
+struct NumberLayout {
     is_little: bool,
     is_big_tiff: bool,
 }
 
-impl Layout {
+impl NumberLayout {
     fn of(bytes: &[u8]) -> Option<Self> {
         let (is_little, is_big_tiff) = match bytes.first_chunk()? {
             b"II*\0" => (true, false),
@@ -74,13 +74,13 @@ impl Layout {
 
 /// Whether a file that starts so is a TIFF file.
 pub(super) fn is_tiff(start: &[u8]) -> bool {
-    Layout::of(start).is_some()
+    NumberLayout::of(start).is_some()
 }
 
 /// The directories of a TIFF file's pictures; of one for another file, and for one that is damaged.
 pub(super) fn pages(bytes: &[u8]) -> Vec<u64> {
     let mut pages = Vec::new();
-    let Some(layout) = Layout::of(bytes) else {
+    let Some(layout) = NumberLayout::of(bytes) else {
         return pages;
     };
     let (at, length) = layout.header();
@@ -107,7 +107,7 @@ pub(super) fn read_page(
     page: u64,
     max_pixels: u64,
 ) -> Result<Picture> {
-    let layout = Layout::of(bytes);
+    let layout = NumberLayout::of(bytes);
     let header = layout.and_then(|layout| {
         let (at, length) = layout.header();
         Some((layout, bytes.get_mut(at..at + length)?))

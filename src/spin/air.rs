@@ -27,14 +27,14 @@
 
 /// A ball, as a thin shell.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ball {
+pub struct FlyingBall {
     /// Radius, meters.
     pub radius_m: f64,
     /// Mass, kilograms.
     pub mass_kg: f64,
 }
 
-impl Default for Ball {
+impl Default for FlyingBall {
     /// Table tennis: 40 mm across, 2.7 g.
     fn default() -> Self {
         Self {
@@ -64,7 +64,7 @@ impl Default for Air {
 }
 
 /// Rate of decay in creeping flow, `12 pi mu r / m`, 1/s: the paper's formula.
-pub fn creeping_decay(ball: &Ball, air: &Air) -> f64 {
+pub fn creeping_decay(ball: &FlyingBall, air: &Air) -> f64 {
     12.0 * std::f64::consts::PI * air.viscosity_pa_s * ball.radius_m / ball.mass_kg
 }
 
@@ -72,7 +72,7 @@ pub fn creeping_decay(ball: &Ball, air: &Air) -> f64 {
 ///
 /// Good for Reynolds numbers from about 10 (where the air is no longer dragged along) to 4e4 (where
 /// the layer becomes turbulent): 0.06 to 240 revolutions per second for a table tennis ball.
-pub fn boundary_layer_decay(ball: &Ball, air: &Air, spin_rad_s: f64) -> f64 {
+pub fn boundary_layer_decay(ball: &FlyingBall, air: &Air, spin_rad_s: f64) -> f64 {
     let r = ball.radius_m;
     let reynolds = air.density_kg_m3 * spin_rad_s * r * r / air.viscosity_pa_s;
     let coefficient = 6.45 / reynolds.sqrt() + 32.1 / reynolds;

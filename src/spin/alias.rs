@@ -24,7 +24,7 @@
 use nalgebra::Complex;
 
 use super::config::SpinConfig;
-use super::mixture::{Mixture, Noise, RatePrior};
+use super::mixture::{Mixture, NoiseVariance, RatePrior};
 use super::motion::{ConstantSpin, axis_and_rate};
 use super::robust::ALIASES;
 use super::{Fit, MIN_FRAMES, Measurement};
@@ -102,7 +102,7 @@ pub fn alternatives(
 ) -> Vec<Alternative> {
     let mixture = Mixture {
         measurements,
-        noise: Noise::known(fit.sigma_rad.unwrap_or(options.sigma_rad)),
+        noise: NoiseVariance::known(fit.sigma_rad.unwrap_or(options.sigma_rad)),
         prior: RatePrior::none(),
     };
     // From the maximum itself each alias is a maximum too, but for the peak's place on the grid.
@@ -111,7 +111,7 @@ pub fn alternatives(
     };
     let right = mixture.probabilities(&own);
     let (_, rate) = axis_and_rate(&own.motion.spin);
-    let mut window = Window::new();
+    let mut window = SpectralWindow::new();
     window.load(measurements, |k| right[k] > 0.5);
     let limit = options.max_rps * std::f64::consts::TAU;
     // Spins nearer than that are one peak.
@@ -182,14 +182,14 @@ fn sort(alternatives: &mut [Alternative]) {
 /// The motion with the spin of an alias of `fit`, before it is refined.
 pub(super) fn alias_near(measurements: &[Measurement], fit: &Fit, spin: &Vec3) -> ConstantSpin {
     let (axis, rate) = axis_and_rate(&fit.motion.spin);
-    let mut window = Window::new();
+    let mut window = SpectralWindow::new();
     window.load(measurements, |_| true);
     window.aliased(&fit.motion, axis.dot(spin) - rate)
 }
 
 /// The sampling's spectral window, and where it is high.
 #[derive(Debug, Clone)]
-pub(super) struct Window {
+pub(super) struct SpectralWindow {
     /// Times of the frames used, seconds, from their mean.
     times: Vec<f64>,
     center: f64,
@@ -198,7 +198,7 @@ pub(super) struct Window {
     followed: Vec<f64>,
 }
 
-impl Window {
+impl SpectralWindow {
     pub fn new() -> Self {
         Self {
             times: Vec::new(),

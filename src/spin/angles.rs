@@ -4,7 +4,7 @@
 use std::f64::consts::{PI, TAU};
 
 use super::belief::Circle;
-use super::clock::{Reading, TIE, counted, evened};
+use super::clock::{TIE, TimesReading, counted, evened};
 use super::motion::ConstantSpin;
 use super::robust::{SpinConfig, TimeOrigin};
 use super::{MIN_FRAMES, Measurement};
@@ -72,7 +72,7 @@ impl<'a> Angles<'a> {
     }
 
     /// The reading that frames are lost or added.
-    pub fn slipped(&self, given: Reading) -> Option<Reading> {
+    pub fn slipped(&self, given: TimesReading) -> Option<TimesReading> {
         let frames: Vec<Measurement> = self.on_circle().copied().collect();
         let (counts, interval) = counted(&frames, ON_LATTICE)?;
         let steps: Vec<AngleStep> = (1..frames.len())
@@ -85,7 +85,7 @@ impl<'a> Angles<'a> {
             .collect();
         let (turn, share) = best_turn(&steps, self.circle.sigma_rad)?;
         let (mut now, mut moved) = (0, 0);
-        let mut reading = Reading {
+        let mut reading = TimesReading {
             measurements: vec![frames[0]],
             kept: vec![given.kept[self.on[0]]],
             ..given
@@ -121,7 +121,7 @@ impl<'a> Angles<'a> {
     }
 
     /// The reading that the times scatter about those of a steady turn.
-    pub fn scattered(&self, mut given: Reading) -> Option<Reading> {
+    pub fn scattered(&self, mut given: TimesReading) -> Option<TimesReading> {
         let frames: Vec<Measurement> = self.on_circle().copied().collect();
         let n = frames.len();
         let duration = frames[n - 1].time_s - frames[0].time_s;

@@ -22,7 +22,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix4, Quaternion, SymmetricEigen, Vector4};
 
-use super::mixture::{Noise, ROTATION_VOLUME};
+use super::mixture::{NoiseVariance, ROTATION_VOLUME};
 use super::motion::{LocalFrame, Motion};
 use super::robust::SpinConfig;
 use super::{Measurement, SpinRejection};
@@ -199,7 +199,7 @@ impl Circle {
     pub fn fitted<M: Motion<P>, const P: usize>(
         measurements: &[Measurement],
         motion: &M,
-        noise: Noise,
+        noise: NoiseVariance,
     ) -> Self {
         let LocalFrame { basis, .. } = motion.local_frame();
         let middle = 0.5 * (measurements[0].time_s + measurements[measurements.len() - 1].time_s);
@@ -228,7 +228,7 @@ impl Circle {
     }
 
     /// The circle that the orientations lie nearest to, of those through two of them.
-    pub fn searched(measurements: &[Measurement], noise: Noise) -> Option<Self> {
+    pub fn searched(measurements: &[Measurement], noise: NoiseVariance) -> Option<Self> {
         let n = measurements.len();
         let through = |(i, j): (usize, usize)| {
             let [a, b] = [i, j].map(|k| measurements[k].orientation.coords);
@@ -259,7 +259,7 @@ impl Circle {
     }
 
     /// The circle that it leads to.
-    fn settled(mut self, measurements: &[Measurement], noise: Noise) -> Self {
+    fn settled(mut self, measurements: &[Measurement], noise: NoiseVariance) -> Self {
         for _ in 0..ROUNDS {
             let before = self.ln_likelihood;
             self = self.improved(measurements, noise);
@@ -294,7 +294,7 @@ impl Circle {
         (b * a.conjugate()).imag()
     }
 
-    fn improved(&self, measurements: &[Measurement], noise: Noise) -> Self {
+    fn improved(&self, measurements: &[Measurement], noise: NoiseVariance) -> Self {
         let mut products = Matrix4::zeros();
         let (mut ln, mut right, mut squares) = (0.0, 0.0, 0.0);
         for m in measurements {

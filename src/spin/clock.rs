@@ -106,7 +106,7 @@ pub(super) struct Room {
     steps: Vec<f64>,
     counts: Vec<i64>,
     /// The sequence as it was read, where its clock is not right.
-    pub reading: Reading,
+    pub reading: TimesReading,
 }
 
 impl Room {
@@ -144,7 +144,7 @@ impl Room {
 
 /// A sequence with the times that are taken.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Reading {
+pub(super) struct TimesReading {
     pub clock: Clock,
     pub measurements: Vec<Measurement>,
     /// The index of each among those given.
@@ -157,7 +157,7 @@ pub(super) struct Reading {
     pub ln_prior: f64,
 }
 
-impl Reading {
+impl TimesReading {
     /// The sequence as given, without those that are left out.
     fn take(
         &mut self,

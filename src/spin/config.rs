@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::mixture::Noise;
+use super::mixture::NoiseVariance;
 use super::shared::SharedError;
 use super::{MIN_FRAMES, SpinRejection, require};
 
@@ -94,8 +94,8 @@ impl Default for SpinConfig {
 
 impl SpinConfig {
     /// What is known of the noise.
-    pub(super) fn noise(&self) -> Noise {
-        Noise {
+    pub(super) fn noise(&self) -> NoiseVariance {
+        NoiseVariance {
             sigma_rad: self.sigma_rad,
             degrees: self.sigma_degrees,
         }

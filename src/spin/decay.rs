@@ -13,7 +13,9 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::evidence::{MotionFit, Outcome, Richer, compare};
-use super::mixture::{Blocks, Mixture, Noise, RatePrior, duration, ln_likelihood_of_outliers};
+use super::mixture::{
+    Blocks, Mixture, NoiseVariance, RatePrior, duration, ln_likelihood_of_outliers,
+};
 use super::motion::{ConstantSpin, DecayingSpin, Motion};
 use super::robust::SpinConfig;
 use super::{Fit, Interval, Measurement, SpinRejection};
@@ -151,7 +153,7 @@ impl Richer<4> for DecayingSpin {
     ) -> f64 {
         let mixture = Mixture {
             measurements,
-            noise: Noise::known(sigma_rad),
+            noise: NoiseVariance::known(sigma_rad),
             prior: RatePrior::none(),
         };
         let middle_s = self.start.time_s + 0.5 * duration(measurements);

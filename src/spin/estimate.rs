@@ -28,7 +28,7 @@ use std::f64::consts::TAU;
 
 use super::alias::{AliasConfig, Alternative, SpinEvidence, alternatives, weigh};
 use super::belief::Belief;
-use super::clock::{Clock, Reading, Room, examined};
+use super::clock::{Clock, Room, TimesReading, examined};
 use super::decay::DecayFit;
 use super::evidence::fitted;
 pub use super::fitted::{FittedMotion, MotionModel, Rival};
@@ -166,7 +166,7 @@ impl SpinEstimate {
             Err(rejection) => Self::pushed(rejection, room.taken(measurements), model, config)?,
             Ok(found) => found,
         };
-        let Reading {
+        let TimesReading {
             clock,
             measurements,
             kept,

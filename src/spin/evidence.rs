@@ -20,7 +20,9 @@
 
 use super::belief::Belief;
 use super::chance::expected_by_chance;
-use super::mixture::{Blocks, Mixture, RatePrior, Settled, Spread, duration, is_majority};
+use super::mixture::{
+    Blocks, Mixture, RatePrior, RateSpread, SettledMotion, duration, is_majority,
+};
 use super::motion::{ConstantSpin, LocalFrame, Motion};
 use super::repeated::Merged;
 use super::robust::{RobustEstimator, SpinConfig, TIE_MARGIN};
@@ -165,14 +167,14 @@ pub(super) trait Richer<const P: usize>: Motion<P> + Send + Sync {
 
 /// A maximum, with the prior under which it is one.
 #[derive(Debug, Clone, Copy)]
-struct Candidate<M, const P: usize> {
-    settled: Settled<M>,
+struct MotionMaximum<M, const P: usize> {
+    settled: SettledMotion<M>,
     scale: f64,
     prior: RatePrior<P>,
 }
 
 /// A start and the prior that goes with it.
-struct Start<M, const P: usize> {
+struct MotionStart<M, const P: usize> {
     motion: M,
     scale: f64,
     prior: RatePrior<P>,
@@ -215,7 +217,7 @@ pub(super) fn fitted<M: Richer<P>, const P: usize>(
     }
     let steady = constant.map(|fit| &fit.motion);
     let (best, independent) = most_likely::<M, P>(measurements, steady, config)?;
-    let Settled {
+    let SettledMotion {
         motion, sigma_rad, ..
     } = best.settled;
     let mixture = best.mixture(measurements, config);
@@ -246,7 +248,7 @@ pub(super) fn fitted<M: Richer<P>, const P: usize>(
 }
 
 /// A maximum and the covariance of its parameters.
-type Best<M, const P: usize> = (Candidate<M, P>, Blocks<P>);
+type Best<M, const P: usize> = (MotionMaximum<M, P>, Blocks<P>);
 
 /// The best motion that is permitted.
 fn most_likely<M: Richer<P>, const P: usize>(
@@ -277,12 +279,12 @@ fn candidates<M: Richer<P>, const P: usize>(
     measurements: &[Measurement],
     constant: Option<&ConstantSpin>,
     config: &SpinConfig,
-) -> Vec<Candidate<M, P>> {
+) -> Vec<MotionMaximum<M, P>> {
     let mut starts = Vec::new();
     if let Some(constant) = constant {
         let (scale, prior) = M::prior(constant, config);
         let motions = M::starts(constant, duration(measurements), config);
-        starts.extend(motions.into_iter().map(|motion| Start {
+        starts.extend(motions.into_iter().map(|motion| MotionStart {
             motion,
             scale,
             prior,
@@ -296,7 +298,7 @@ fn candidates<M: Richer<P>, const P: usize>(
             noise: config.noise(),
             prior: start.prior,
         };
-        Some(Candidate {
+        Some(MotionMaximum {
             settled: mixture.settle(start.motion.rebased(time_s)).ok()?,
             scale: start.scale,
             prior: start.prior,
@@ -309,7 +311,7 @@ fn candidates<M: Richer<P>, const P: usize>(
 fn grown_from_runs<M: Richer<P>, const P: usize>(
     measurements: &[Measurement],
     config: &SpinConfig,
-) -> Vec<Start<M, P>> {
+) -> Vec<MotionStart<M, P>> {
     let length = config.window.clamp(MIN_FRAMES, measurements.len());
     let last = measurements.len() - length;
     let mut estimator = RobustEstimator::new(SpinConfig {
@@ -344,7 +346,7 @@ fn grown_from_run<M: Richer<P>, const P: usize>(
     run: &[Measurement],
     fit: &Fit,
     config: &SpinConfig,
-) -> Option<Start<M, P>> {
+) -> Option<MotionStart<M, P>> {
     let time_s = run.iter().map(|m| m.time_s).sum::<f64>() / run.len() as f64;
     let constant = fit.motion.rebased(time_s);
     let (scale, prior) = M::prior(&constant, config);
@@ -357,7 +359,7 @@ fn grown_from_run<M: Richer<P>, const P: usize>(
         rates[(i, i)] = 1.0 / growth_prior.weight[i];
     }
     rates.fixed_view_mut::<3, 3>(0, 0).copy_from(&of_spin);
-    let spread = Spread {
+    let spread = RateSpread {
         level: sigma_rad * sigma_rad,
         center: SMatrix::zeros(),
         rates,
@@ -369,14 +371,14 @@ fn grown_from_run<M: Richer<P>, const P: usize>(
     };
     let start = M::of_constant(&constant);
     let motion = mixture.grow(start, from..from + run.len(), spread)?;
-    Some(Start {
+    Some(MotionStart {
         motion,
         scale,
         prior,
     })
 }
 
-impl<M: Richer<P>, const P: usize> Candidate<M, P> {
+impl<M: Richer<P>, const P: usize> MotionMaximum<M, P> {
     fn mixture<'a>(&self, measurements: &'a [Measurement], config: &SpinConfig) -> Mixture<'a, P> {
         Mixture {
             measurements,
@@ -405,7 +407,7 @@ impl<M: Richer<P>, const P: usize> Candidate<M, P> {
     /// Whether the motion is within what is considered, and most of the frames agree, and more than
     /// chance explains.
     fn is_permitted(&self, measurements: &[Measurement], config: &SpinConfig) -> bool {
-        let Settled {
+        let SettledMotion {
             motion,
             inliers,
             sigma_rad,
@@ -426,7 +428,7 @@ impl<M: Richer<P>, const P: usize> Candidate<M, P> {
 
 /// The best that is permitted and a maximum in all directions.
 fn best_permitted<M: Richer<P>, const P: usize>(
-    candidates: Vec<Candidate<M, P>>,
+    candidates: Vec<MotionMaximum<M, P>>,
     measurements: &[Measurement],
     config: &SpinConfig,
 ) -> Option<Best<M, P>> {
@@ -442,17 +444,17 @@ fn best_permitted<M: Richer<P>, const P: usize>(
 
 /// The best few motions that are not the same.
 fn distinct<M: Richer<P>, const P: usize>(
-    candidates: Vec<Candidate<M, P>>,
+    candidates: Vec<MotionMaximum<M, P>>,
     measurements: &[Measurement],
-) -> Vec<Candidate<M, P>> {
+) -> Vec<MotionMaximum<M, P>> {
     let times = [measurements.first(), measurements.last()];
-    let is_same = |a: &Settled<M>, b: &Settled<M>| {
+    let is_same = |a: &SettledMotion<M>, b: &SettledMotion<M>| {
         times.into_iter().flatten().all(|m| {
             let [a, b] = [a, b].map(|s| s.motion.predict(m.time_s));
             a.angle_to(&b) < SAME_RAD
         })
     };
-    let mut chosen: Vec<Candidate<M, P>> = Vec::new();
+    let mut chosen: Vec<MotionMaximum<M, P>> = Vec::new();
     for candidate in best_first(candidates) {
         let is_known = chosen
             .iter()
@@ -464,7 +466,9 @@ fn distinct<M: Richer<P>, const P: usize>(
     chosen
 }
 
-fn best_first<M, const P: usize>(mut candidates: Vec<Candidate<M, P>>) -> Vec<Candidate<M, P>> {
+fn best_first<M, const P: usize>(
+    mut candidates: Vec<MotionMaximum<M, P>>,
+) -> Vec<MotionMaximum<M, P>> {
     candidates.sort_by(|a, b| b.settled.objective.total_cmp(&a.settled.objective));
     candidates
 }

@@ -34,7 +34,7 @@ pub const MAX_RPS: f64 = 250.0;
 /// The direction of a flight in the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Flight {
+pub enum GolfFlight {
     /// To the left.
     Left,
     /// To the right.
@@ -45,7 +45,7 @@ pub enum Flight {
     Down,
 }
 
-impl Flight {
+impl GolfFlight {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Left, Self::Right, Self::Up, Self::Down];
 
@@ -88,13 +88,13 @@ impl Flight {
     }
 }
 
-impl std::fmt::Display for Flight {
+impl std::fmt::Display for GolfFlight {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.as_str())
     }
 }
 
-impl std::str::FromStr for Flight {
+impl std::str::FromStr for GolfFlight {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self> {
@@ -147,7 +147,7 @@ impl GolfSpin {
     pub fn new(
         spin: &Vec3,
         covariance: Option<&Matrix3<f64>>,
-        flight: Flight,
+        flight: GolfFlight,
         spin_type: SpinType,
     ) -> Self {
         let rpm = 60.0 / TAU;
@@ -176,7 +176,7 @@ mod tests {
 
     #[test]
     fn backspin_lifts_and_sidespin_bends_to_the_right_whatever_the_flight() {
-        for flight in Flight::ALL {
+        for flight in GolfFlight::ALL {
             let (along, up) = (flight.direction(), flight.up());
             // Backspin: the top, at `up`, moves against the flight.
             let lifting = up.cross(&along) * -100.0;
@@ -195,12 +195,12 @@ mod tests {
     #[test]
     fn the_nearest_direction_of_a_motion() {
         for (motion, flight) in [
-            ([3.0, -2.0], Flight::Right),
-            ([-3.0, 2.0], Flight::Left),
-            ([1.0, -2.0], Flight::Up),
-            ([1.0, 2.0], Flight::Down),
+            ([3.0, -2.0], GolfFlight::Right),
+            ([-3.0, 2.0], GolfFlight::Left),
+            ([1.0, -2.0], GolfFlight::Up),
+            ([1.0, 2.0], GolfFlight::Down),
         ] {
-            assert_eq!(Flight::of_motion(motion), flight);
+            assert_eq!(GolfFlight::of_motion(motion), flight);
         }
     }
 }

@@ -13,7 +13,7 @@
 
 use serde::Serialize;
 
-use super::golf::{Flight, GolfSpin, SpinType};
+use super::golf::{GolfFlight, GolfSpin, SpinType};
 use crate::geometry::{Position, Vec3};
 
 /// A mile an hour, m/s.
@@ -54,7 +54,7 @@ pub struct Shot {
     /// Where it flies, if the ball's positions are known.
     pub launch: Option<Launch>,
     /// The line of flight in the picture.
-    pub flight: Flight,
+    pub flight: GolfFlight,
 }
 
 #[derive(Serialize)]

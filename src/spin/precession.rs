@@ -19,7 +19,7 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 use super::alias::AliasConfig;
 use super::decay::decay_prior;
 use super::evidence::{MotionFit, Outcome, Richer, compare};
-use super::mixture::{Blocks, Mixture, Noise, RatePrior, ln_likelihood_of_outliers};
+use super::mixture::{Blocks, Mixture, NoiseVariance, RatePrior, ln_likelihood_of_outliers};
 use super::motion::{ConstantSpin, DecayingSpin, Motion, PrecessingSpin, axis_and_rate};
 use super::robust::SpinConfig;
 use super::summary::SpinSummary;
@@ -258,7 +258,7 @@ impl Richer<7> for PrecessingSpin {
     ) -> f64 {
         let mixture = Mixture {
             measurements,
-            noise: Noise::known(sigma_rad),
+            noise: NoiseVariance::known(sigma_rad),
             prior: decay_prior(config.decay_sigma_per_s),
         };
         let motions = constant.copied().into_iter().chain([self.mean()]);

@@ -101,12 +101,12 @@ pub struct QuateraEstimator {
 
 /// A plane through the origin of R^4.
 #[derive(Debug, Clone, Copy)]
-struct Plane {
+struct QuaternionPlane {
     u1: Vector4<f64>,
     u2: Vector4<f64>,
 }
 
-impl Plane {
+impl QuaternionPlane {
     /// The two leading eigenvectors of `sum q q^T` over the members.
     fn through<'a>(quaternions: impl Iterator<Item = &'a Vector4<f64>>) -> Self {
         let scatter = quaternions.fold(Matrix4::zeros(), |z, q| z + q * q.transpose());
@@ -147,7 +147,7 @@ fn quaternion(v: &Vector4<f64>) -> nalgebra::Quaternion<f64> {
 
 /// A straight line through angles over time.
 #[derive(Debug, Clone, Copy)]
-struct Line {
+struct StraightLine {
     rate: f64,
     /// Angle at the first time.
     start: f64,
@@ -239,10 +239,10 @@ impl QuateraEstimator {
     }
 
     /// The best plane; its members are left in `self.best`.
-    fn ransac(&mut self) -> Option<Plane> {
+    fn ransac(&mut self) -> Option<QuaternionPlane> {
         let starts = self.quaternions.len() - self.config.run + 1;
         let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
-        let mut best: Option<(f64, Plane)> = None;
+        let mut best: Option<(f64, QuaternionPlane)> = None;
         for i in 0..self.config.iterations.min(starts) {
             let exhaustive = starts <= self.config.iterations;
             let start = if exhaustive {
@@ -251,7 +251,7 @@ impl QuateraEstimator {
                 rng.random_range(0..starts)
             };
             let run = start..start + self.config.run;
-            let plane = Plane::through(self.quaternions[run.clone()].iter());
+            let plane = QuaternionPlane::through(self.quaternions[run.clone()].iter());
             self.members.clear();
             let mut joined = 0;
             for (k, q) in self.quaternions.iter().enumerate() {
@@ -263,7 +263,7 @@ impl QuateraEstimator {
                 continue;
             }
             let chosen = || self.quaternions.iter().zip(&self.members).filter(|x| *x.1);
-            let plane = Plane::through(chosen().map(|x| x.0));
+            let plane = QuaternionPlane::through(chosen().map(|x| x.0));
             let total: f64 = chosen().map(|x| plane.distance(x.0)).sum();
             if best.is_none_or(|(smallest, _)| total < smallest) {
                 best = Some((total, plane));
@@ -274,7 +274,7 @@ impl QuateraEstimator {
     }
 
     /// Unwraps in the likelier direction, in the other too where the line is poor.
-    fn regress(&mut self) -> Option<Line> {
+    fn regress(&mut self) -> Option<StraightLine> {
         let limit = self.config.max_rps * std::f64::consts::TAU;
         self.sorted.clear();
         self.sorted
@@ -284,7 +284,7 @@ impl QuateraEstimator {
         } else {
             -1.0
         };
-        let permitted = |l: &Line| l.rate.abs() <= limit;
+        let permitted = |l: &StraightLine| l.rate.abs() <= limit;
         let likelier = Some(self.unwrap(direction)).filter(permitted);
         if likelier.is_some_and(|l| l.score >= GOOD_SCORE) {
             return likelier;
@@ -297,7 +297,7 @@ impl QuateraEstimator {
     }
 
     /// Adds whole turns so that the angles run in one direction at an even rate.
-    fn unwrap(&mut self, direction: f64) -> Line {
+    fn unwrap(&mut self, direction: f64) -> StraightLine {
         use std::f64::consts::TAU;
         self.angles.clear();
         let mut turns = 0.0;
@@ -336,7 +336,7 @@ impl QuateraEstimator {
 }
 
 /// Least-squares line.
-fn line(times: &[f64], angles: &[f64]) -> Line {
+fn line(times: &[f64], angles: &[f64]) -> StraightLine {
     let n = times.len() as f64;
     let mean_t = times.iter().sum::<f64>() / n;
     let mean_a = angles.iter().sum::<f64>() / n;
@@ -347,7 +347,7 @@ fn line(times: &[f64], angles: &[f64]) -> Line {
         aa += (a - mean_a).powi(2);
     }
     let rate = ta / tt;
-    Line {
+    StraightLine {
         rate,
         start: mean_a + rate * (times[0] - mean_t),
         score: if aa > 0.0 { ta * ta / (tt * aa) } else { 1.0 },

@@ -14,17 +14,19 @@ use std::f64::consts::TAU;
 
 use nalgebra::Matrix3;
 
-use super::alias::{Window, alias_near};
+use super::alias::{SpectralWindow, alias_near};
 use super::belief::Belief;
 use super::chance::expected_by_chance;
-use super::clock::{Clock, Reading, Room, examined};
+use super::clock::{Clock, Room, TimesReading, examined};
 use super::config::SLOWEST_RPS;
 pub use super::config::{MagnitudePrior, SpinConfig, TimeOrigin};
-use super::mixture::{Mixture, RatePrior, Settled, Spread, inlier_probability};
+use super::mixture::{Mixture, RatePrior, RateSpread, SettledMotion, inlier_probability};
 use super::motion::{ConstantSpin, LocalFrame, Motion};
 use super::repeated::Merged;
-use super::search::{KEPT, SCORE_MARGIN, SearchConfig, Seen, Shortlist, judge_pair, pair_radius};
-use super::shared::{Part, SharedError};
+use super::search::{
+    KEPT, SCORE_MARGIN, SearchConfig, SeenTurn, Shortlist, judge_pair, pair_radius,
+};
+use super::shared::{FrameTerm, SharedError};
 use super::widening::widened;
 use super::{Fit, MAX_TURNS, MIN_FRAMES, Measurement, SpinRejection, check};
 use crate::geometry::Vec3;
@@ -61,13 +63,13 @@ pub(super) const TIE_MARGIN: f64 = 3.0;
 #[derive(Debug, Clone)]
 pub struct RobustEstimator {
     config: SpinConfig,
-    seen: Vec<Seen>,
+    seen: Vec<SeenTurn>,
     shortlist: Shortlist,
-    window: Window,
-    aliases: Vec<Settled<ConstantSpin>>,
+    window: SpectralWindow,
+    aliases: Vec<SettledMotion<ConstantSpin>>,
     probabilities: Vec<f64>,
-    parts: Vec<Part<3>>,
-    candidates: [Option<Settled<ConstantSpin>>; KEPT],
+    parts: Vec<FrameTerm<3>>,
+    candidates: [Option<SettledMotion<ConstantSpin>>; KEPT],
     room: Room,
 }
 
@@ -78,7 +80,7 @@ impl RobustEstimator {
             config,
             seen: Vec::new(),
             shortlist: Shortlist::new(),
-            window: Window::new(),
+            window: SpectralWindow::new(),
             aliases: Vec::with_capacity(ALIASES),
             probabilities: Vec::new(),
             parts: Vec::new(),
@@ -137,7 +139,7 @@ impl RobustEstimator {
             },
         );
         (self.config, self.room) = (given, room);
-        let Reading { clock, kept, .. } = &self.room.reading;
+        let TimesReading { clock, kept, .. } = &self.room.reading;
         if !clock.is_right() && found.is_ok() {
             // Those that were left out are no inliers: each of the others moves to its own place, the last first.
             self.probabilities.resize(measurements.len(), 0.0);
@@ -210,7 +212,7 @@ impl RobustEstimator {
         &mut self,
         measurements: &[Measurement],
         is_slower_likelier: bool,
-    ) -> Result<Settled<ConstantSpin>, SpinRejection> {
+    ) -> Result<SettledMotion<ConstantSpin>, SpinRejection> {
         self.check_spacing(measurements)?;
         let n = measurements.len();
         self.shortlist.clear();
@@ -250,7 +252,7 @@ impl RobustEstimator {
                 let covariance = fit.spin_covariance.ok_or(rejected)?;
                 let interval = measurements[known - 1].time_s - measurements[0].time_s;
                 let basis = LocalFrame::of(&fit.motion.spin).basis;
-                let spread = Spread {
+                let spread = RateSpread {
                     level: self.config.sigma_rad.powi(2) / known as f64,
                     center: Matrix3::from_diagonal_element(0.5 * interval),
                     rates: basis.transpose() * covariance * basis,
@@ -351,7 +353,7 @@ impl RobustEstimator {
     }
 
     /// Fits the shortlist and returns the winner.
-    fn refine_all(&mut self, measurements: &[Measurement]) -> Option<Settled<ConstantSpin>> {
+    fn refine_all(&mut self, measurements: &[Measurement]) -> Option<SettledMotion<ConstantSpin>> {
         let mixture = self.mixture(measurements);
         let best_score = self.shortlist.iter().next()?.score;
         for h in self.shortlist.iter_mut() {
@@ -364,7 +366,7 @@ impl RobustEstimator {
             // Within what the pair's noise explains, it is a worse start for the same maximum.
             let interval = measurements[h.pair.1].time_s - measurements[h.pair.0].time_s;
             let radius = pair_radius(self.config.sigma_rad, interval);
-            let same = |s: &Settled<ConstantSpin>| {
+            let same = |s: &SettledMotion<ConstantSpin>| {
                 (s.motion.spin - h.spin).norm_squared() < radius * radius
             };
             if self.candidates.iter().flatten().any(same) {
@@ -375,7 +377,7 @@ impl RobustEstimator {
                 .grow(start, h.pair.0..h.pair.1 + 1, spread)
                 .and_then(|grown| mixture.settle(grown).ok())
                 .filter(|s| s.motion.rps() <= self.config.max_rps);
-            let ln = |c: &Option<Settled<ConstantSpin>>| {
+            let ln = |c: &Option<SettledMotion<ConstantSpin>>| {
                 c.map_or(f64::NEG_INFINITY, |s| s.log_likelihood)
             };
             let worst = self
@@ -390,15 +392,15 @@ impl RobustEstimator {
     }
 
     /// The likeliest candidate; of those as likely, the slowest.
-    fn choose(&self) -> Option<Settled<ConstantSpin>> {
+    fn choose(&self) -> Option<SettledMotion<ConstantSpin>> {
         self.slowest_likely(self.candidates.iter().flatten())
     }
 
     /// The slowest of those that odds of 20 to 1 do not decide between.
     fn slowest_likely<'a>(
         &self,
-        all: impl IntoIterator<Item = &'a Settled<ConstantSpin>> + Clone,
-    ) -> Option<Settled<ConstantSpin>> {
+        all: impl IntoIterator<Item = &'a SettledMotion<ConstantSpin>> + Clone,
+    ) -> Option<SettledMotion<ConstantSpin>> {
         let worths = all.clone().into_iter().map(|s| self.worth(s));
         let top = worths.fold(f64::NEG_INFINITY, f64::max);
         all.into_iter()
@@ -408,7 +410,7 @@ impl RobustEstimator {
     }
 
     /// Log-posterior of a candidate, up to a constant.
-    fn worth(&self, candidate: &Settled<ConstantSpin>) -> f64 {
+    fn worth(&self, candidate: &SettledMotion<ConstantSpin>) -> f64 {
         candidate.log_likelihood + self.config.ln_prior(candidate.motion.rps())
     }
 
@@ -416,8 +418,8 @@ impl RobustEstimator {
     fn among_aliases(
         &mut self,
         measurements: &[Measurement],
-        best: Settled<ConstantSpin>,
-    ) -> Settled<ConstantSpin> {
+        best: SettledMotion<ConstantSpin>,
+    ) -> SettledMotion<ConstantSpin> {
         let mixture = self.mixture(measurements);
         self.probabilities.clear();
         let jacobian = best.motion.jacobian();
@@ -449,7 +451,7 @@ impl RobustEstimator {
     fn finish(
         &mut self,
         measurements: &[Measurement],
-        best: &Settled<ConstantSpin>,
+        best: &SettledMotion<ConstantSpin>,
     ) -> Result<(Fit, Belief), SpinRejection> {
         let inliers = best.inliers;
         let chance = expected_by_chance(measurements, inliers, best.sigma_rad, self.config.max_rps);
@@ -458,7 +460,7 @@ impl RobustEstimator {
         }
         let known = (best.sigma_rad, inliers);
         let belief = Belief::of(measurements, &best.motion, known, &self.config);
-        let at_first = Settled {
+        let at_first = SettledMotion {
             motion: best.motion.rebased(measurements[0].time_s),
             ..*best
         };
@@ -478,7 +480,7 @@ impl RobustEstimator {
     fn covariance(
         &mut self,
         measurements: &[Measurement],
-        best: &Settled<ConstantSpin>,
+        best: &SettledMotion<ConstantSpin>,
     ) -> Option<(Matrix3<f64>, Option<f64>)> {
         let mixture = Mixture {
             measurements,

@@ -22,7 +22,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Quaternion, Vector4};
 
 use super::Measurement;
-use super::mixture::{MAX_GAINFUL_VARIANCE, Spread, peak_gain};
+use super::mixture::{MAX_GAINFUL_VARIANCE, RateSpread, peak_gain};
 use super::motion::ConstantSpin;
 use crate::geometry::Vec3;
 
@@ -39,7 +39,7 @@ pub(super) const SCORE_MARGIN: f64 = 20.0;
 
 /// A spin that two frames allow, with its score on the others.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Hypothesis {
+pub(super) struct SpinHypothesis {
     /// Index of the earlier and the later frame.
     pub pair: (usize, usize),
     /// Spin, camera frame, rad/s.
@@ -52,14 +52,14 @@ pub(super) struct Hypothesis {
     pub is_tried: bool,
 }
 
-impl Hypothesis {
+impl SpinHypothesis {
     /// The motion from the pair's earlier frame, and how far its predictions are off: as along the axis, where
     /// two frames of unit variance leave `(1-u)^2 + u^2`.
     pub(super) fn start(
         &self,
         measurements: &[Measurement],
         sigma_rad: f64,
-    ) -> (ConstantSpin, Spread<3>) {
+    ) -> (ConstantSpin, RateSpread<3>) {
         let (first, second) = (&measurements[self.pair.0], &measurements[self.pair.1]);
         let interval = second.time_s - first.time_s;
         let variance = sigma_rad * sigma_rad;
@@ -68,7 +68,7 @@ impl Hypothesis {
             orientation: first.orientation,
             spin: self.spin,
         };
-        let spread = Spread {
+        let spread = RateSpread {
             level: 0.5 * variance,
             center: Matrix3::from_diagonal_element(0.5 * interval),
             rates: Matrix3::from_diagonal_element(2.0 * variance / (interval * interval)),
@@ -80,7 +80,7 @@ impl Hypothesis {
 /// The best few hypotheses, best first, no two of them the same spin.
 #[derive(Debug, Clone)]
 pub(super) struct Shortlist {
-    items: [Option<Hypothesis>; KEPT],
+    items: [Option<SpinHypothesis>; KEPT],
 }
 
 impl Shortlist {
@@ -90,7 +90,7 @@ impl Shortlist {
         }
     }
 
-    pub(super) fn iter(&self) -> impl Iterator<Item = &Hypothesis> {
+    pub(super) fn iter(&self) -> impl Iterator<Item = &SpinHypothesis> {
         self.items.iter().flatten()
     }
 
@@ -99,7 +99,7 @@ impl Shortlist {
         self.items[0].map_or(0.0, |h| h.share)
     }
 
-    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut Hypothesis> {
+    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut SpinHypothesis> {
         self.items.iter_mut().flatten()
     }
 
@@ -118,11 +118,11 @@ impl Shortlist {
     }
 
     /// Takes `h` in, unless a better one is within `radius` (rad/s); worse ones within it go.
-    fn offer(&mut self, h: Hypothesis, radius: f64) {
+    fn offer(&mut self, h: SpinHypothesis, radius: f64) {
         if h.score <= self.min_score() {
             return;
         }
-        let near = |other: &Hypothesis| (other.spin - h.spin).norm_squared() < radius * radius;
+        let near = |other: &SpinHypothesis| (other.spin - h.spin).norm_squared() < radius * radius;
         let mut slot = KEPT - 1;
         for (i, item) in self.items.iter().enumerate() {
             match item {
@@ -180,7 +180,7 @@ impl SearchConfig {
 /// One frame as a hypothesis' pair sees it: `cos(x/2) a + sin(x/2) b` is the cosine of half the
 /// angle between the frame and a prediction that has turned by x since the pair's first frame.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Seen {
+pub(super) struct SeenTurn {
     half_time: f64,
     a: f64,
     b: f64,
@@ -193,7 +193,7 @@ pub(super) fn judge_pair(
     measurements: &[Measurement],
     pair: (usize, usize),
     settings: &SearchConfig,
-    seen: &mut Vec<Seen>,
+    seen: &mut Vec<SeenTurn>,
     shortlist: &mut Shortlist,
 ) {
     let (first, second) = (&measurements[pair.0], &measurements[pair.1]);
@@ -229,7 +229,7 @@ pub(super) fn judge_pair(
         if agreed == 0.0 {
             continue;
         }
-        let hypothesis = Hypothesis {
+        let hypothesis = SpinHypothesis {
             pair,
             spin: axis * rate,
             score,
@@ -269,7 +269,7 @@ fn score_hypothesis(
     pair: (usize, usize),
     axis: &Vec3,
     settings: &SearchConfig,
-    seen: &mut Vec<Seen>,
+    seen: &mut Vec<SeenTurn>,
 ) {
     let first = &measurements[pair.0];
     let interval = measurements[pair.1].time_s - first.time_s;
@@ -292,7 +292,7 @@ fn score_hypothesis(
         let v = variance * (m.sigma_scale * m.sigma_scale + w0 * w0 + w1 * w1);
         let peak = peak_gain(m.confidence, v);
         if peak > 0.0 {
-            seen.push(Seen {
+            seen.push(SeenTurn {
                 half_time: 0.5 * elapsed,
                 a: start.dot(&m.orientation.coords),
                 b: turned.dot(&m.orientation.coords),

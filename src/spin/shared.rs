@@ -189,7 +189,7 @@ fn turning(turns: impl Iterator<Item = (f64, ViewTurn)> + Clone) -> Option<Matri
 
 /// A frame's part in the sum.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Part<const P: usize> {
+pub(super) struct FrameTerm<const P: usize> {
     weight: f64,
     jacobian: SMatrix<f64, 3, P>,
     /// The side seen: the direction towards the camera, pattern frame.
@@ -205,7 +205,7 @@ pub(super) fn shared_covariance<M: Motion<P>, const P: usize>(
     sigma_rad: f64,
     probabilities: &[f64],
     (shared, prior): (&SharedError, &SVector<f64, P>),
-    parts: &mut Vec<Part<P>>,
+    parts: &mut Vec<FrameTerm<P>>,
 ) -> Option<SMatrix<f64, P, P>> {
     let stride = measurements.len().div_ceil(MAX_FRAMES).max(1);
     parts.clear();
@@ -216,7 +216,7 @@ pub(super) fn shared_covariance<M: Motion<P>, const P: usize>(
         if p < MIN_PROBABILITY {
             continue;
         }
-        parts.push(Part {
+        parts.push(FrameTerm {
             weight: p / (sigma_rad * m.sigma_scale).powi(2),
             jacobian: jacobian(m).1,
             side: motion.predict(m.time_s).inverse() * Vec3::z(),

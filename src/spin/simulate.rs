@@ -321,7 +321,7 @@ impl SharedField {
 
 /// A simulated sequence and its truth.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sequence {
+pub struct SimulatedSequence {
     /// The true motion at the first frame's nominal time, 0 s.
     pub truth: ConstantSpin,
     /// What was measured, in order of time.
@@ -363,13 +363,13 @@ impl Scenario {
     }
 
     /// Simulates a ball with the given spin at time 0 (camera frame, rad/s).
-    pub fn simulate<R: Rng + ?Sized>(&self, spin: Vec3, rng: &mut R) -> Sequence {
+    pub fn simulate<R: Rng + ?Sized>(&self, spin: Vec3, rng: &mut R) -> SimulatedSequence {
         let truth = ConstantSpin {
             time_s: 0.0,
             orientation: random_rotation(rng),
             spin,
         };
-        let mut sequence = Sequence {
+        let mut sequence = SimulatedSequence {
             truth,
             measurements: Vec::with_capacity(self.frames),
             outlier: Vec::with_capacity(self.frames),
@@ -407,7 +407,7 @@ impl Scenario {
 
     /// Sequence number `index` of `seed`: magnitude uniform in `rps` (revolutions per second), axis
     /// uniform on the sphere.
-    pub fn sequence(&self, rps: (f64, f64), seed: u64, index: u64) -> Sequence {
+    pub fn sequence(&self, rps: (f64, f64), seed: u64, index: u64) -> SimulatedSequence {
         let mut rng = stream(seed, index);
         let magnitude = rps.0 + (rps.1 - rps.0) * rng.random::<f64>();
         let spin = random_direction(&mut rng) * (magnitude * TAU);

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::files;
-use crate::files::csv::{Format, Rows};
+use crate::files::csv::{CsvFormat, Rows};
 use crate::geometry::Vec3;
 use crate::stats::median;
 
@@ -260,8 +260,8 @@ fn read_points(path: &Path) -> Result<Vec<TrajectoryPoint>> {
 }
 
 /// The set's files have no comments.
-fn format(delimiter: u8) -> Format {
-    Format {
+fn format(delimiter: u8) -> CsvFormat {
+    CsvFormat {
         delimiter,
         comments: false,
     }

@@ -18,10 +18,10 @@
 use nalgebra::{Matrix3, SMatrix};
 
 use super::Measurement;
-use super::mixture::{Blocks, Mixture, Normal, Settled, inlier_probability};
+use super::mixture::{Blocks, Mixture, SettledMotion, WeightedNormal, inlier_probability};
 use super::motion::Motion;
 use super::robust::SpinConfig;
-use super::shared::{Part, shared_covariance};
+use super::shared::{FrameTerm, shared_covariance};
 
 /// Most parts; fewer ones are made by joining neighbors.
 const PARTS: usize = 16;
@@ -42,7 +42,7 @@ pub(super) fn lack_of_fit<M: Motion<P>, const P: usize>(
     let most = (measurements.len() / MIN_ORIENTATIONS).min(PARTS);
     // The largest power of two.
     let mut count = 1 << most.checked_ilog2().filter(|log| *log > 0)?;
-    let mut parts = [Normal::<3>::new(); PARTS];
+    let mut parts = [WeightedNormal::<3>::new(); PARTS];
     let (mut support, mut squares) = (0.0, 0.0);
     let jacobian = motion.jacobian();
     for (k, m) in measurements.iter().enumerate() {
@@ -96,10 +96,10 @@ fn deviate(ratio: f64, above: f64, below: f64) -> f64 {
 pub(super) fn widened<M: Motion<P>, const P: usize>(
     covariance: &Blocks<P>,
     mixture: &Mixture<'_, P>,
-    at: &Settled<M>,
+    at: &SettledMotion<M>,
     probabilities: &[f64],
     config: &SpinConfig,
-    parts: &mut Vec<Part<P>>,
+    parts: &mut Vec<FrameTerm<P>>,
 ) -> Option<(Blocks<P>, Option<f64>)> {
     let measurements = mixture.measurements;
     let lack_of_fit = lack_of_fit(measurements, &at.motion, at.sigma_rad);

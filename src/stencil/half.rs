@@ -5,7 +5,7 @@ use crate::geometry::{Rotation, Vec3};
 
 use super::layout::{Cut, Layout};
 use super::mesh::{Mesh, MeshCheck};
-use super::segments::Cuts;
+use super::segments::HalfCuts;
 use super::solid::Solid;
 use super::{Half, HalfName, Joint, Piece, StencilConfig, clean, marks, obstacles, parts};
 
@@ -21,7 +21,7 @@ fn marks(
     layout: &Layout,
     name: HalfName,
     labels: &[String],
-    cuts: Option<&Cuts>,
+    cuts: Option<&HalfCuts>,
     config: &StencilConfig,
     joint: &Joint,
 ) -> Result<marks::Marks> {
@@ -42,7 +42,7 @@ fn marks(
     let windows = layout.windows.iter().filter(|w| w.half == name);
     obstacles.extend(windows.flat_map(|w| w.points(config)));
     obstacles.extend(cuts.iter().flat_map(|cuts| cuts.points(config)));
-    let around = marks::Surroundings {
+    let around = marks::NumberSurroundings {
         holes: &holes,
         obstacles: &obstacles,
     };
@@ -64,7 +64,7 @@ pub(super) fn build(
     config: &StencilConfig,
     joint: &Joint,
 ) -> Result<Half> {
-    let cuts = Cuts::choose(layout, name, config, joint)?;
+    let cuts = HalfCuts::choose(layout, name, config, joint)?;
     let marks = marks(layout, name, labels, cuts.as_ref(), config, joint)?;
     let mut outcome = Err(Error::Internal(format!(
         "{name}: no tessellation was tried"

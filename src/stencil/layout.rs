@@ -145,7 +145,7 @@ fn ledge_web(dot: &Vec3, name: HalfName, config: &StencilConfig, joint: &Joint) 
 }
 
 /// What holes do at a place.
-struct Trial {
+struct HoleTrial {
     layout: Layout,
     /// The thinnest web that a hole leaves at a rim and its dot, where one is too thin.
     thin: Option<(f64, usize)>,
@@ -154,7 +154,7 @@ struct Trial {
 }
 
 /// What the holes of this diameter do at a place.
-fn judged(place: &HingePlace, config: &StencilConfig, joint: &Joint) -> Trial {
+fn judged(place: &HingePlace, config: &StencilConfig, joint: &Joint) -> HoleTrial {
     let dots = &place.dots;
     let mut thin: Option<(f64, usize)> = None;
     let mut cuts = Vec::with_capacity(dots.len());
@@ -173,7 +173,7 @@ fn judged(place: &HingePlace, config: &StencilConfig, joint: &Joint) -> Trial {
             })
         }));
     }
-    Trial {
+    HoleTrial {
         layout: Layout {
             seam: place.seam,
             rotation: place.rotation,

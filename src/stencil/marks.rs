@@ -104,7 +104,12 @@ impl NumberPlace {
     }
 
     /// Whether it keeps clear of rims, holes and obstacles.
-    fn is_clear(&self, around: &Surroundings<'_>, config: &StencilConfig, joint: &Joint) -> bool {
+    fn is_clear(
+        &self,
+        around: &NumberSurroundings<'_>,
+        config: &StencilConfig,
+        joint: &Joint,
+    ) -> bool {
         self.is_clear_but(None, around, config, joint)
     }
 
@@ -112,7 +117,7 @@ impl NumberPlace {
     fn is_clear_but(
         &self,
         own: Option<&Vec3>,
-        around: &Surroundings<'_>,
+        around: &NumberSurroundings<'_>,
         config: &StencilConfig,
         joint: &Joint,
     ) -> bool {
@@ -180,7 +185,7 @@ pub(super) struct Marks {
 }
 
 /// What numbers keep clear of.
-pub(super) struct Surroundings<'a> {
+pub(super) struct NumberSurroundings<'a> {
     /// Directions of all holes that cut the half.
     pub holes: &'a [Vec3],
     /// Points on hinge and tab.
@@ -197,7 +202,7 @@ impl Marks {
         &self,
         found: &[(f64, f64, NumberPlace)],
         hole: &Vec3,
-        around: &Surroundings<'_>,
+        around: &NumberSurroundings<'_>,
         config: &StencilConfig,
         joint: &Joint,
     ) -> Option<PlacedNumber> {
@@ -246,7 +251,7 @@ impl Marks {
 /// [`crate::Error::Internal`] where the font or the boolean engine fails.
 pub(super) fn numbers(
     numbered: &[(usize, Vec3)],
-    around: &Surroundings<'_>,
+    around: &NumberSurroundings<'_>,
     config: &StencilConfig,
     joint: &Joint,
 ) -> Result<Marks> {
@@ -321,7 +326,7 @@ impl Marks {
     pub fn add_labels(
         &mut self,
         texts: &[String],
-        around: &Surroundings<'_>,
+        around: &NumberSurroundings<'_>,
         config: &StencilConfig,
         joint: &Joint,
     ) -> Result<()> {
@@ -364,7 +369,7 @@ impl Marks {
     pub fn add_arrow(
         &mut self,
         zone: &Vec3,
-        around: &Surroundings<'_>,
+        around: &NumberSurroundings<'_>,
         config: &StencilConfig,
         joint: &Joint,
     ) -> Result<()> {
@@ -417,7 +422,7 @@ fn places(
     dot: &Vec3,
     words: &Words,
     nearer: f64,
-    around: &Surroundings<'_>,
+    around: &NumberSurroundings<'_>,
     config: &StencilConfig,
     joint: &Joint,
 ) -> Vec<NumberPlace> {

@@ -14,7 +14,7 @@ use super::layout::Cut;
 use super::marks::floor;
 use super::mesh::Mesh;
 use super::obstacles::arm_outline;
-use super::segments::Cuts;
+use super::segments::HalfCuts;
 use super::solid::Solid;
 use super::{HalfName, StencilConfig, shapes};
 
@@ -42,7 +42,7 @@ pub(super) struct Shell<'a> {
     /// Prisms over its engraved marks, which end at the engraving's [`floor`].
     pub marks: Vec<Mesh>,
     /// Where it is cut into pieces.
-    pub cuts: Option<&'a Cuts>,
+    pub cuts: Option<&'a HalfCuts>,
 }
 
 impl Shell<'_> {
@@ -92,7 +92,7 @@ impl Shell<'_> {
     }
 
     /// How many holes lead through the wedge `piece` of the finished half.
-    pub fn through_holes_of(&self, piece: usize, cuts: &Cuts) -> usize {
+    pub fn through_holes_of(&self, piece: usize, cuts: &HalfCuts) -> usize {
         let is_here = |direction: &&Vec3| cuts.piece_of(direction) == piece;
         let hinge = match cuts.piece_of(&Vec3::x()) == piece {
             true => self.knuckles().count(),

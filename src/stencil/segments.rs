@@ -46,7 +46,7 @@ const SPACING_MM: f64 = 1.0;
 
 /// Where a half is cut.
 #[derive(Debug, Clone)]
-pub(super) struct Cuts {
+pub(super) struct HalfCuts {
     /// The line that all cuts end in goes through the ball's center along this direction.
     axis: Vec3,
     /// Direction of each cut from there, square to the axis, counter-clockwise.
@@ -68,7 +68,7 @@ struct Opening {
 /// All cuts through one axis.
 struct Surveyed {
     /// Without any cut.
-    cuts: Cuts,
+    cuts: HalfCuts,
     along: Vec<Vec3>,
     /// The clearance of each, mm.
     clear: Vec<f64>,
@@ -82,14 +82,14 @@ impl Surveyed {
         name: HalfName,
         config: &StencilConfig,
         joint: &Joint,
-    ) -> Option<(usize, Cuts)> {
+    ) -> Option<(usize, HalfCuts)> {
         let is_free = |k: &usize| {
             let is_off = |m| self.cuts.is_off_joint(m, name, config, joint);
             self.clear[*k] >= least_mm && is_off(&self.along[*k])
         };
         let free: Vec<usize> = (0..AZIMUTHS).filter(is_free).collect();
         let (width, chosen) = even(&free, config.segments)?;
-        let cuts = Cuts {
+        let cuts = HalfCuts {
             along: chosen.into_iter().map(|k| self.along[k]).collect(),
             ..self.cuts.clone()
         };
@@ -97,7 +97,7 @@ impl Surveyed {
     }
 }
 
-impl Cuts {
+impl HalfCuts {
     /// The cuts of a half into [`StencilConfig::segments`] pieces; `None` where it stays whole.
     ///
     /// # Errors

@@ -14,10 +14,10 @@
 
 use nalgebra::{DMatrix, DVector, Vector4};
 
-use super::clip::{Clip, FIXED, Shared};
+use super::clip::{Clip, FIXED, SharedOffset};
 use super::fit::{LEAST_SIGMA, MAX_STEP, REACH};
 use super::laid::{ALIGNED, Laid};
-use super::surface_map::{Grid, PLACES, SurfaceMap};
+use super::surface_map::{PLACES, PlaceGrid, SurfaceMap};
 use crate::concurrency;
 use crate::fit::{biweight, weighted_sigma};
 use crate::geometry::{Rotation, Vec3};
@@ -45,7 +45,7 @@ pub(crate) enum Paint {
 
 /// One step: the rotations of the frames `asked` are moved; how what the views share is to be moved is returned.
 pub(crate) fn step(
-    grid: &Grid,
+    grid: &PlaceGrid,
     surface: &SurfaceMap,
     paint: Paint,
     clip: &Clip<'_>,
@@ -77,7 +77,7 @@ pub(crate) fn step(
 
 /// What the frames show of the places, by places.
 fn rows(
-    grid: &Grid,
+    grid: &PlaceGrid,
     surface: &SurfaceMap,
     clip: &Clip<'_>,
     asked: &[usize],
@@ -183,13 +183,13 @@ impl BundleEquations {
     }
 
     /// Adds what is known before any frame is seen; the first frame's rotation stays where it `is_chosen`.
-    fn hold(&mut self, is_chosen: bool, shared: &[Shared; 4]) {
+    fn hold(&mut self, is_chosen: bool, shared: &[SharedOffset; 4]) {
         let first = 3 * self.frames;
         for j in 0..first {
             let sigma = if is_chosen && j < 3 { FIXED } else { DAMPING };
             self.matrix[(j, j)] += 1.0 / (sigma * sigma);
         }
-        for (j, Shared { off, sigma }) in shared.iter().enumerate() {
+        for (j, SharedOffset { off, sigma }) in shared.iter().enumerate() {
             let weight = 1.0 / (sigma * sigma);
             self.matrix[(first + j, first + j)] += weight;
             self.vector[first + j] -= weight * off;

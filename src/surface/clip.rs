@@ -56,7 +56,7 @@ impl Views {
 
 /// Something that all views share: how far it is from what was expected before any frame was seen, and the standard deviation of that.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Shared {
+pub(crate) struct SharedOffset {
     pub off: f64,
     pub sigma: f64,
 }
@@ -132,17 +132,17 @@ impl<'a> Clip<'a> {
     }
 
     /// What all views share: the shift of the outlines over their radii (u, v, radius), and the camera's inverse distance.
-    pub fn shared(&self) -> [Shared; 4] {
-        let shift = |j: usize| Shared {
+    pub fn shared(&self) -> [SharedOffset; 4] {
+        let shift = |j: usize| SharedOffset {
             off: self.views.shift[j],
             sigma: SHIFTS[j],
         };
         let distance = match (self.views.inverse_distance, &self.camera) {
-            (Some(now), CameraModel::Unknown(expected)) => Shared {
+            (Some(now), CameraModel::Unknown(expected)) => SharedOffset {
                 off: now - expected.inverse_distance,
                 sigma: expected.sigma,
             },
-            _ => Shared {
+            _ => SharedOffset {
                 off: 0.0,
                 sigma: FIXED,
             },

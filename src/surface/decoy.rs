@@ -10,7 +10,7 @@ use super::face::Face;
 use super::fit::FitSpace;
 use super::laid::{LAID, Laid, apart, few, numbers};
 use super::search::{Blurred, Search};
-use super::surface_map::{Grid, SurfaceMap};
+use super::surface_map::{PlaceGrid, SurfaceMap};
 use crate::concurrency;
 use crate::stats::median;
 
@@ -22,7 +22,7 @@ const MARGIN: f64 = 0.2;
 
 /// What decoys are compared on.
 pub(crate) struct Decoys<'a> {
-    pub grid: &'a Grid,
+    pub grid: &'a PlaceGrid,
     pub search: &'a Search,
     pub faces: &'a [Option<Face>],
 }

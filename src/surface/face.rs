@@ -71,13 +71,13 @@ pub struct Face {
 }
 
 /// Values over the ball's near side, as a [`Face`] has them.
-pub(crate) struct Samples {
+pub(crate) struct FaceSamples {
     pub values: Vec<f32>,
     side: usize,
     horizon: f64,
 }
 
-impl Samples {
+impl FaceSamples {
     /// By the brightness at pixels of an image, under whose `view` the ball's radius is so many known pixels.
     pub fn take(sample: impl Fn(Pixel) -> f32, radius: f64, view: &BallView) -> Self {
         let side = (2.0 * radius).clamp(SIDE[0], SIDE[1]).round() as usize;
@@ -132,14 +132,14 @@ impl FaceMaker {
             let at = grid.pixel_to_part(pixel);
             image.sample(at.u, at.v)
         };
-        let mut samples = Samples::take(sample, view.circle().radius / grid.side, view);
+        let mut samples = FaceSamples::take(sample, view.circle().radius / grid.side, view);
         self.flatten(&mut samples);
         Some(samples.to_face(center_sigma))
     }
 
     /// The logarithms less their means about them.
-    fn flatten(&self, samples: &mut Samples) {
-        let Samples {
+    fn flatten(&self, samples: &mut FaceSamples) {
+        let FaceSamples {
             values,
             side,
             horizon,

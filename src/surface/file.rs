@@ -9,9 +9,9 @@ use std::path::Path;
 
 use zip::ZipWriter;
 
-use super::surface_map::{Grid, PLACES, SurfaceMap};
+use super::surface_map::{PLACES, PlaceGrid, SurfaceMap};
 use crate::error::{Error, Result};
-use crate::npz::{Archive, Checked, Problem, add_array, one_line, open, read_array};
+use crate::npz::{Archive, Checked, NpzProblem, add_array, one_line, open, read_array};
 
 /// The arrays of the file.
 const ARRAYS: [&str; 3] = ["values", "views", "meta"];
@@ -95,10 +95,10 @@ fn surface_archive(bytes: &[u8]) -> Checked<Archive<'_>> {
     let mut archive = open(bytes, &ARRAYS)?;
     let meta: Vec<u8> = read_array(&mut archive, "meta", "u8", &[None])?;
     let meta: serde_json::Value =
-        serde_json::from_slice(&meta).map_err(|e| Problem::at("meta", one_line(&e)))?;
+        serde_json::from_slice(&meta).map_err(|e| NpzProblem::at("meta", one_line(&e)))?;
     if meta["kind"] != KIND || meta["format_version"] != FORMAT_VERSION {
         let expected = format!("expected a {KIND} of format_version {FORMAT_VERSION}");
-        return Err(Problem::at("meta", expected));
+        return Err(NpzProblem::at("meta", expected));
     }
     Ok(archive)
 }
@@ -111,13 +111,16 @@ fn arrays(archive: &mut Archive<'_>) -> Checked<SurfaceMap> {
     let is_value = |v: &f32| v.abs() <= FARTHEST;
     if !values.iter().all(is_value) {
         let problem = format!("expected numbers from -{FARTHEST} to {FARTHEST}");
-        return Err(Problem::at("values", problem));
+        return Err(NpzProblem::at("values", problem));
     }
     if !views.iter().all(|v| *v >= 0.0 && v.is_finite()) {
-        return Err(Problem::at("views", "expected finite numbers of 0 or more"));
+        return Err(NpzProblem::at(
+            "views",
+            "expected finite numbers of 0 or more",
+        ));
     }
     let mut surface = SurfaceMap::unknown();
     (surface.values, surface.weights) = (values, views);
-    surface.slope(&Grid::default());
+    surface.slope(&PlaceGrid::default());
     Ok(surface)
 }

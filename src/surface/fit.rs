@@ -14,7 +14,7 @@ use nalgebra::Matrix3;
 
 use super::face::Face;
 use super::laid::{ALIGNED, Laid};
-use super::surface_map::{Grid, PLACES, SurfaceMap};
+use super::surface_map::{PLACES, PlaceGrid, SurfaceMap};
 use crate::fit::{Sums, biweight, weighted_sigma};
 use crate::geometry::{Rotation, Vec3};
 
@@ -51,7 +51,7 @@ impl FitSpace {
     /// Lays a face on the surface, from a rotation on; `None` where too little of it is known.
     pub fn lay(
         &mut self,
-        grid: &Grid,
+        grid: &PlaceGrid,
         surface: &SurfaceMap,
         face: &Face,
         start: &Rotation,
@@ -84,7 +84,13 @@ impl FitSpace {
     }
 
     /// The steep visible places, and the standard deviation of their residuals.
-    fn see(&mut self, grid: &Grid, surface: &SurfaceMap, face: &Face, rotation: &Rotation) -> f64 {
+    fn see(
+        &mut self,
+        grid: &PlaceGrid,
+        surface: &SurfaceMap,
+        face: &Face,
+        rotation: &Rotation,
+    ) -> f64 {
         self.seen.clear();
         self.sizes.clear();
         let to_view = rotation.to_rotation_matrix();
@@ -124,7 +130,7 @@ impl FitSpace {
 
 /// The correlation of a face with the surface under a rotation, places weighted by their depths; `None` where too little of what is visible is known.
 pub(crate) fn agreement(
-    grid: &Grid,
+    grid: &PlaceGrid,
     surface: &SurfaceMap,
     face: &Face,
     rotation: &Rotation,

@@ -14,10 +14,10 @@ const MAX_RADIUS: f64 = 128.0;
 
 /// What a frame shows of a painted ball; nothing by default.
 #[derive(Debug, Clone, Default)]
-pub struct PaintedFrame(Option<Arc<Kept>>);
+pub struct PaintedFrame(Option<Arc<KeptFrame>>);
 
 #[derive(Debug, Clone)]
-struct Kept {
+struct KeptFrame {
     values: Vec<u8>,
     size: [usize; 2],
     grid: Grid,
@@ -58,7 +58,7 @@ impl PaintedFrame {
         let values = gray.values().iter();
         let values = values.map(|value| (255.0 * value).round().clamp(0.0, 255.0) as u8);
         let center = outline.covariance.fixed_view::<2, 2>(0, 0);
-        Self(Some(Arc::new(Kept {
+        Self(Some(Arc::new(KeptFrame {
             values: values.collect(),
             size: [width, height],
             grid: Grid::of(&part, level),

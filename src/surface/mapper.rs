@@ -10,7 +10,7 @@ use super::face::Face;
 use super::fit::{FitSpace, agreement};
 use super::frame::PaintedFrame;
 use super::laid::{Laid, apart};
-use super::surface_map::{Grid, SurfaceMap};
+use super::surface_map::{PlaceGrid, SurfaceMap};
 use super::track::starts;
 use super::viewed::{Facing, ViewedPlaces};
 use crate::concurrency;
@@ -46,7 +46,7 @@ pub struct MappedFrame<'a> {
 /// Makes maps.
 #[derive(Debug, Default)]
 pub struct PaintMapper {
-    grid: Grid,
+    grid: PlaceGrid,
     maker: BareFaceMaker,
 }
 

@@ -4,7 +4,7 @@
 //! "Super-Fibonacci Spirals", CVPR 2022), and the best are climbed from.
 
 use super::face::Face;
-use super::surface_map::{Grid, SurfaceMap};
+use super::surface_map::{PlaceGrid, SurfaceMap};
 use crate::geometry::{
     Rotation, Vec3, rotation_angle, spiral_directions, spread_rotation, tangent_frame,
 };
@@ -52,7 +52,7 @@ impl Search {
     }
 
     /// The surface as it is searched.
-    pub fn blurred(&self, grid: &Grid, surface: &SurfaceMap) -> Blurred {
+    pub fn blurred(&self, grid: &PlaceGrid, surface: &SurfaceMap) -> Blurred {
         let mut sums = vec![(0.0f32, 0.0f32); self.cube.len()];
         for (k, place) in grid.directions.iter().enumerate() {
             if surface.weights[k] > 0.0 {

@@ -31,14 +31,14 @@ struct SlopeTerm {
 
 /// The places, which all surfaces share.
 #[derive(Debug)]
-pub(crate) struct Grid {
+pub(crate) struct PlaceGrid {
     pub(crate) directions: Vec<Vec3>,
     /// Where the neighbors of each place begin; they end where the next begin.
     first: Vec<u32>,
     neighbors: Vec<SlopeTerm>,
 }
 
-impl Default for Grid {
+impl Default for PlaceGrid {
     fn default() -> Self {
         let directions: Vec<Vec3> = spiral_directions(PLACES).collect();
         let cos = SLOPE.cos();
@@ -73,7 +73,7 @@ impl Default for Grid {
     }
 }
 
-impl Grid {
+impl PlaceGrid {
     /// Places all over the ball by which a face is compared with the surface.
     pub(crate) fn compared(&self) -> impl Iterator<Item = (usize, &Vec3)> {
         self.directions.iter().enumerate().step_by(COMPARED)
@@ -110,7 +110,7 @@ impl SurfaceMap {
     }
 
     /// Takes one more view in.
-    pub(crate) fn add(&mut self, grid: &Grid, face: &Face, laid: &Laid) {
+    pub(crate) fn add(&mut self, grid: &PlaceGrid, face: &Face, laid: &Laid) {
         for (k, place) in grid.directions.iter().enumerate() {
             let seen = laid.rotation * place;
             let depth = face.depth(&seen);
@@ -127,7 +127,7 @@ impl SurfaceMap {
     }
 
     /// By all views.
-    pub(crate) fn of(grid: &Grid, views: &[(&Face, Rotation)]) -> Self {
+    pub(crate) fn of(grid: &PlaceGrid, views: &[(&Face, Rotation)]) -> Self {
         let map = ViewedPlaces::new(&grid.directions, views, FACING);
         let mut surface = Self {
             values: map.values().to_vec(),
@@ -138,7 +138,7 @@ impl SurfaceMap {
         surface
     }
 
-    pub(crate) fn slope(&mut self, grid: &Grid) {
+    pub(crate) fn slope(&mut self, grid: &PlaceGrid) {
         for (k, place) in grid.directions.iter().enumerate() {
             if self.weights[k] <= 0.0 {
                 continue;

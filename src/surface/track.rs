@@ -11,7 +11,7 @@ use super::frame::PaintedFrame;
 use super::laid::{LAID, Laid, TURNED, apart, few, numbers};
 use super::order::have_order;
 use super::search::{Blurred, Search};
-use super::surface_map::{Grid, SurfaceMap};
+use super::surface_map::{PlaceGrid, SurfaceMap};
 use crate::concurrency;
 use crate::geometry::{Rotation, Vec3, rotation_angle, turned_covariance};
 use crate::stats::median;
@@ -106,7 +106,7 @@ pub struct PaintedTrack {
 /// Finds painted balls' orientations.
 #[derive(Debug)]
 pub struct PaintedTracker {
-    pub(super) grid: Grid,
+    pub(super) grid: PlaceGrid,
     pub(super) search: Search,
     pub(super) maker: FaceMaker,
     pub(super) camera: CameraModel,
@@ -116,7 +116,7 @@ impl PaintedTracker {
     /// Of a camera, or of one whose distance is not known.
     pub fn new(camera: &CameraModel) -> Self {
         Self {
-            grid: Grid::default(),
+            grid: PlaceGrid::default(),
             search: Search::new(),
             maker: FaceMaker::default(),
             camera: *camera,

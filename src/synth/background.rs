@@ -15,7 +15,7 @@ use crate::vision::optics::camera::Pixel;
 
 /// Something round in the background.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Disc {
+pub struct BackgroundDisc {
     /// Its middle.
     pub at: [f32; 2],
     /// Its radius.
@@ -42,7 +42,7 @@ pub struct Background {
     /// What the ball lies or flies above, before the wall.
     pub ground: Option<Ground>,
     /// Things in it.
-    pub discs: Vec<Disc>,
+    pub discs: Vec<BackgroundDisc>,
 }
 
 impl Background {
@@ -113,7 +113,7 @@ impl Background {
             },
             ground: None,
             discs: (0..count)
-                .map(|_| Disc::random(brightest, level, reach, config, rng))
+                .map(|_| BackgroundDisc::random(brightest, level, reach, config, rng))
                 .collect(),
         }
     }
@@ -134,7 +134,7 @@ impl Background {
     }
 }
 
-impl Disc {
+impl BackgroundDisc {
     fn random<R: Rng + ?Sized>(
         brightest: f32,
         level: f32,

@@ -10,7 +10,7 @@ use super::color::Color;
 use super::dimples::Dimples;
 use super::pen::Spot;
 use super::scene::Scene;
-use super::surface::{Mark, Seam};
+use super::surface::{HalvesSeam, LogoPrint};
 use super::view::View;
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::optics::camera::Pixel;
@@ -202,7 +202,7 @@ impl Canvas {
         }
     }
 
-    fn paint_seam(&mut self, rays: Range<usize>, seam: &Seam, rotation: &Rotation) {
+    fn paint_seam(&mut self, rays: Range<usize>, seam: &HalvesSeam, rotation: &Rotation) {
         let axis = single(&(rotation * seam.axis));
         let half_width = seam.half_width as f32;
         let normals = &self.normals[rays.clone()];
@@ -264,7 +264,13 @@ impl Canvas {
         }
     }
 
-    fn paint_mark(&mut self, rows: &Range<usize>, mark: &Mark, view: &View, rotation: &Rotation) {
+    fn paint_mark(
+        &mut self,
+        rows: &Range<usize>,
+        mark: &LogoPrint,
+        view: &View,
+        rotation: &Rotation,
+    ) {
         let middle = rotation * mark.middle;
         // The corners of the square in which it is drawn.
         let reach = std::f64::consts::SQRT_2 * mark.radius;

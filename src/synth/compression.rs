@@ -87,10 +87,10 @@ fn jpeg(image: &RgbImage, quality: u8) -> Result<RgbImage> {
 /// have it).
 struct Planes {
     size: [usize; 2],
-    planes: [Plane; 3],
+    planes: [ColorPlane; 3],
 }
 
-struct Plane {
+struct ColorPlane {
     width: usize,
     height: usize,
     values: Vec<f32>,
@@ -115,7 +115,7 @@ impl Planes {
                     values.push(0.25 * sum);
                 }
             }
-            Plane {
+            ColorPlane {
                 width: half[0],
                 height: half[1],
                 values,
@@ -124,7 +124,7 @@ impl Planes {
         Self {
             size: [width, height],
             planes: [
-                Plane {
+                ColorPlane {
                     width,
                     height,
                     values: luma,
@@ -155,7 +155,7 @@ impl Planes {
     }
 }
 
-impl Plane {
+impl ColorPlane {
     /// Rounds the cosine transform of each block to steps; the border is repeated to whole blocks.
     fn quantize(&mut self, step: f32) {
         let basis = basis();

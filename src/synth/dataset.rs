@@ -217,7 +217,7 @@ fn of_wxyz([w, x, y, z]: [f64; 4]) -> Rotation {
 
 /// A frame with its truth.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Frame {
+pub struct SynthFrame {
     /// The image.
     pub image: RgbImage,
     /// Share of each pixel that shows the ball, 0 to 255, row after row.
@@ -242,7 +242,7 @@ pub fn independent_frame(
     config: &SynthConfig,
     seed: u64,
     k: usize,
-) -> Result<Frame> {
+) -> Result<SynthFrame> {
     let scene = Scene::random(pattern, config, &mut frame_rng(seed, k as u64))?;
     frame(&scene, format!("frame-{k:06}.png"), None)
 }
@@ -257,7 +257,7 @@ pub fn strobed_frame(
     strobe: &StrobeConfig,
     seed: u64,
     k: usize,
-) -> Result<Frame> {
+) -> Result<SynthFrame> {
     let scene = Scene::strobed(pattern, config, strobe, &mut frame_rng(seed, k as u64))?;
     frame(&scene, format!("frame-{k:06}.png"), None)
 }
@@ -271,7 +271,7 @@ pub fn frames(
     config: &SynthConfig,
     seed: u64,
     count: usize,
-) -> Result<Vec<Frame>> {
+) -> Result<Vec<SynthFrame>> {
     let frame = |k: u64| independent_frame(pattern, config, seed, k as usize);
     let frames = concurrency::map_range(0..count as u64, frame);
     frames.into_iter().collect()
@@ -280,7 +280,7 @@ pub fn frames(
 /// One ball in a row of frames: it turns at a constant spin and moves at a constant speed across
 /// the image. Camera, light and background stand still.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sequence {
+pub struct SynthSequence {
     pub(super) first: Scene,
     fps: f64,
     seed: u64,
@@ -312,7 +312,7 @@ impl Scene {
     }
 }
 
-impl Sequence {
+impl SynthSequence {
     /// A random ball, seen `count` times.
     ///
     /// # Errors
@@ -402,7 +402,7 @@ impl Sequence {
     ///
     /// # Errors
     /// [`Error::Internal`] where the compression fails.
-    pub fn frame(&self, k: usize) -> Result<Frame> {
+    pub fn frame(&self, k: usize) -> Result<SynthFrame> {
         let (scene, ns) = self.scene(k);
         let seen_s = scene.row_s * scene.circle.center.v;
         frame(&scene, format!("{ns}.png"), Some(ns as f64 * 1e-9 + seen_s))
@@ -437,10 +437,10 @@ impl Sequence {
     }
 }
 
-pub(super) fn frame(scene: &Scene, image: String, time_s: Option<f64>) -> Result<Frame> {
+pub(super) fn frame(scene: &Scene, image: String, time_s: Option<f64>) -> Result<SynthFrame> {
     let rendering = scene.render()?;
     let truth = truth(scene, &rendering, image, time_s);
-    Ok(Frame {
+    Ok(SynthFrame {
         image: rendering.image,
         mask: rendering.mask,
         truth,

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use rand::{Rng, RngExt};
 
 use super::config::SynthConfig;
-use super::dataset::{ClipConfig, Sequence, frame_rng};
+use super::dataset::{ClipConfig, SynthSequence, frame_rng};
 use super::scene::{Scene, pinhole};
 use super::several::{BallImage, ImageOf};
 use super::view::View;
@@ -19,7 +19,7 @@ const BALLS_IMAGE: [usize; 2] = [640, 480];
 /// The stream of the further balls' numbers: no frame has its number.
 const FELLOWS: u64 = 1 << 40;
 
-impl Sequence {
+impl SynthSequence {
     /// Random balls, one of each pattern, that fly across whole images and cross each other's paths about the middle of the sequence.
     /// Without [`SynthConfig::image_px`] the images have 640 x 480 pixels.
     ///

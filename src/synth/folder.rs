@@ -24,7 +24,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::config::SynthConfig;
-use super::dataset::{ClipConfig, Frame, FrameTruth};
+use super::dataset::{ClipConfig, FrameTruth, SynthFrame};
 use super::several::StrobeConfig;
 use crate::concurrency;
 use crate::error::{Result, require};
@@ -103,7 +103,7 @@ pub fn write(
     origin: Origin,
     count: usize,
     masks: Masks,
-    draw: impl Fn(usize) -> Result<Frame> + Sync,
+    draw: impl Fn(usize) -> Result<SynthFrame> + Sync,
     mut progress: impl FnMut(usize),
 ) -> Result<Written> {
     let images = dir.join("images");
@@ -116,7 +116,7 @@ pub fn write(
     let mut shown = Vec::new();
     for start in (0..count).step_by(CHUNK) {
         let chunk = start as u64..count.min(start + CHUNK) as u64;
-        let chunk = concurrency::map_range(chunk, |k| -> Result<Frame> {
+        let chunk = concurrency::map_range(chunk, |k| -> Result<SynthFrame> {
             let frame = draw(k as usize)?;
             frame.image.write_png(&images.join(&frame.truth.image))?;
             if masks == Masks::Write {
@@ -156,7 +156,7 @@ pub fn write(
     Ok(summary(&truth.frames))
 }
 
-fn mask_image(frame: &Frame) -> Result<RgbImage> {
+fn mask_image(frame: &SynthFrame) -> Result<RgbImage> {
     let values = frame.mask.iter().map(|m| [f32::from(*m) / 255.0; 3]);
     RgbImage::new(frame.image.width(), frame.image.height(), values.collect())
 }

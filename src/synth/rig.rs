@@ -9,7 +9,7 @@ use nalgebra::Matrix3;
 use rand::RngExt;
 
 use super::config::SynthConfig;
-use super::dataset::{ClipConfig, FIRST_NS, Frame, Sequence, frame, frame_rng};
+use super::dataset::{ClipConfig, FIRST_NS, SynthFrame, SynthSequence, frame, frame_rng};
 use super::scene::Scene;
 use super::view::circle_of;
 use crate::error::{Error, Result, require};
@@ -62,7 +62,7 @@ struct RigView {
 
 impl RigView {
     /// What a camera sees of the ball of the first one's scene, whose center is here in ball radii; light and background are its own.
-    fn of(mut scene: Scene, first: &Scene, seeing: &Seeing, center: &Vec3) -> Self {
+    fn of(mut scene: Scene, first: &Scene, seeing: &CameraSeeing, center: &Vec3) -> Self {
         scene.surface = first.surface.clone();
         scene.exposure_s = first.exposure_s;
         scene.camera = Camera::Perspective(seeing.intrinsics);
@@ -95,10 +95,10 @@ impl RigSequence {
         seed: u64,
         count: usize,
     ) -> Result<Self> {
-        let cameras: Vec<Seeing> = rig
+        let cameras: Vec<CameraSeeing> = rig
             .cameras()
             .iter()
-            .map(Seeing::of)
+            .map(CameraSeeing::of)
             .collect::<Result<_>>()?;
         if clip.drift_px.is_some() || clip.readout_s != 0.0 {
             let problem = "expected neither drift nor readout for several cameras";
@@ -109,7 +109,7 @@ impl RigSequence {
             cut_share: 0.0,
             ..config.clone()
         };
-        let first = Sequence::random(pattern, &of_camera(0), clip, seed, count)?.first;
+        let first = SynthSequence::random(pattern, &of_camera(0), clip, seed, count)?.first;
         let duration_s = (count.max(2) - 1) as f64 / clip.fps;
         let (middle_m, velocity_m_s) = path(
             &cameras,
@@ -170,7 +170,7 @@ impl RigSequence {
     ///
     /// # Panics
     /// Where there is no camera of this number.
-    pub fn frame(&self, camera: usize, k: usize) -> Result<Frame> {
+    pub fn frame(&self, camera: usize, k: usize) -> Result<SynthFrame> {
         let view = &self.views[camera];
         let mut scene = view.scene.clone();
         let since_s = k as f64 / self.fps;
@@ -196,14 +196,14 @@ impl RigSequence {
 }
 
 /// What a camera sees.
-struct Seeing {
+struct CameraSeeing {
     intrinsics: Intrinsics,
     size: [usize; 2],
     from_rig: Extrinsics,
     delay_s: f64,
 }
 
-impl Seeing {
+impl CameraSeeing {
     fn of(camera: &RigCamera) -> Result<Self> {
         let (name, calibration) = (&camera.name, &camera.calibration);
         let fail = |problem: &str| Err(Error::argument("rig", format!("{name}: {problem}")));
@@ -245,7 +245,7 @@ impl Seeing {
 
 /// A path that all cameras see: its middle, m, and the velocity, m/s.
 fn path(
-    cameras: &[Seeing],
+    cameras: &[CameraSeeing],
     config: &SynthConfig,
     ball_radius_m: f64,
     duration_s: f64,
@@ -288,7 +288,7 @@ fn path(
 }
 
 /// Where the optical axes come nearest to each other; `None` where they are nearly parallel.
-fn meeting(cameras: &[Seeing]) -> Option<Vec3> {
+fn meeting(cameras: &[CameraSeeing]) -> Option<Vec3> {
     let mut sum = Matrix3::zeros();
     let mut weighted = Vec3::zeros();
     for camera in cameras {
@@ -313,11 +313,11 @@ pub fn to_yaml(rig: &Rig) -> Result<String> {
         "# x_camera = R x_first_camera + T, optical axes (x right, y down, z forward), meters\n",
     );
     for camera in rig.cameras() {
-        let Seeing {
+        let CameraSeeing {
             intrinsics: k,
             size: [width, height],
             ..
-        } = Seeing::of(camera)?;
+        } = CameraSeeing::of(camera)?;
         let turn = camera.extrinsics.rotation.to_rotation_matrix();
         let rows: Vec<String> = turn
             .matrix()

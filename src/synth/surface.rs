@@ -18,7 +18,7 @@ use crate::pattern::Pattern;
 
 /// A logo on the ball.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Mark {
+pub struct LogoPrint {
     /// What it looks like.
     pub logo: Logo,
     /// Its middle.
@@ -31,7 +31,7 @@ pub struct Mark {
     pub color: Color,
 }
 
-impl Mark {
+impl LogoPrint {
     /// Ink at a direction (pattern's frame), in [0, 1].
     pub fn ink(&self, direction: &Vec3) -> f32 {
         self.ink_at(
@@ -57,7 +57,7 @@ impl Mark {
 
 /// The line where a ball's halves meet.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seam {
+pub struct HalvesSeam {
     /// The axis of its great circle.
     pub axis: Vec3,
     /// Half its angular width, radians.
@@ -84,9 +84,9 @@ pub struct Surface {
     /// Color of the stains.
     pub stain_color: Color,
     /// Seams.
-    pub seams: Vec<Seam>,
+    pub seams: Vec<HalvesSeam>,
     /// Logos.
-    pub marks: Vec<Mark>,
+    pub marks: Vec<LogoPrint>,
     /// Hollows, as of a golf ball.
     pub dimples: Option<Dimples>,
 }
@@ -146,7 +146,7 @@ impl Surface {
             _ if is_usual && has_seam => 1,
             _ => 0,
         };
-        let mut marks: Vec<Mark> = (0..logos).map(|_| random_mark(config, rng)).collect();
+        let mut marks: Vec<LogoPrint> = (0..logos).map(|_| random_mark(config, rng)).collect();
         if kind == SynthKind::Wheel {
             marks.push(wheel(ball, rng));
         }
@@ -179,7 +179,7 @@ impl Surface {
     }
 }
 
-fn random_mark<R: Rng + ?Sized>(config: &SynthConfig, rng: &mut R) -> Mark {
+fn random_mark<R: Rng + ?Sized>(config: &SynthConfig, rng: &mut R) -> LogoPrint {
     let middle = random_direction(rng);
     let [e1, e2] = tangent_frame(&middle);
     let (s, c) = (TAU * rng.random::<f64>()).sin_cos();
@@ -190,7 +190,7 @@ fn random_mark<R: Rng + ?Sized>(config: &SynthConfig, rng: &mut R) -> Mark {
         // A colored print: one channel may stay bright.
         [0, 1, 2].map(|_| dark * rng.random_range(0.5..2.5f32))
     };
-    Mark {
+    LogoPrint {
         logo: Logo::random(LogoKind::random(rng), rng),
         middle,
         axes: [e1 * c + e2 * s, e2 * c - e1 * s],
@@ -200,10 +200,10 @@ fn random_mark<R: Rng + ?Sized>(config: &SynthConfig, rng: &mut R) -> Mark {
 }
 
 /// Rim, hub and spokes over the whole of the disc.
-fn wheel<R: Rng + ?Sized>(ball: Color, rng: &mut R) -> Mark {
+fn wheel<R: Rng + ?Sized>(ball: Color, rng: &mut R) -> LogoPrint {
     let dark = rng.random_range(0.02..0.4) * luma(ball).max(0.1);
     let middle = Vec3::z();
-    Mark {
+    LogoPrint {
         logo: Logo::random(LogoKind::Wheel, rng),
         middle,
         axes: tangent_frame(&middle),
@@ -212,9 +212,9 @@ fn wheel<R: Rng + ?Sized>(ball: Color, rng: &mut R) -> Mark {
     }
 }
 
-fn random_seam<R: Rng + ?Sized>(ball: Color, rng: &mut R) -> Seam {
+fn random_seam<R: Rng + ?Sized>(ball: Color, rng: &mut R) -> HalvesSeam {
     let is_dark = rng.random_bool(0.75);
-    Seam {
+    HalvesSeam {
         axis: random_direction(rng),
         half_width: rng.random_range(0.004..0.03),
         color: if is_dark {

@@ -56,11 +56,11 @@ impl Ellipse {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
     circle: BallCircle,
-    pinhole: Option<Pinhole>,
+    pinhole: Option<RenderingPinhole>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Pinhole {
+struct RenderingPinhole {
     focal: [f64; 2],
     principal: Pixel,
     /// The ball's center, camera frame, ball radii.
@@ -113,7 +113,7 @@ impl View {
         let distance = 1.0 / half_angle.sin();
         Ok(Self {
             circle,
-            pinhole: Some(Pinhole {
+            pinhole: Some(RenderingPinhole {
                 focal,
                 principal,
                 center: ray.normalize() * distance,

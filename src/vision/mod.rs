@@ -32,7 +32,7 @@ pub use frame::{
 };
 pub use optics::OffCenter;
 pub use optics::camera::{BallCircle, BallView, Camera, Pixel};
-pub use optics::intrinsics::{Calibration, Intrinsics};
+pub use optics::intrinsics::{CameraCalibration, Intrinsics};
 pub use optics::lens::Lens;
 pub use optics::rig::{Extrinsics, Rig, RigCamera};
 pub use outline::circle::{BallFinder, BallFit, CircleConfig, NoBall, Polarity, find_ball};

@@ -8,7 +8,7 @@ use spindoe::camera::FrameOutcome;
 use spindoe::image::ImageView;
 use spindoe::pattern::{Pattern, shipped_designs};
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{Frame, FrameTruth, independent_frame};
+use spindoe::synth::dataset::{FrameTruth, SynthFrame, independent_frame};
 use spindoe::vision::estimator::EstimatorWorkspace;
 use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
@@ -87,7 +87,7 @@ pub fn each<T: Send, const N: usize>(
     config: &SynthConfig,
     seed: u64,
     count: usize,
-    judge: impl Fn(&Frame, [FrameEstimate; N]) -> T + Sync,
+    judge: impl Fn(&SynthFrame, [FrameEstimate; N]) -> T + Sync,
 ) -> Result<Vec<T>> {
     let workspaces = || estimators.each_ref().map(Estimator::workspace);
     let one = |ws: &mut [Workspace; N], k: usize| {

@@ -16,7 +16,7 @@ use spindoe::geometry::{
 use spindoe::pattern::Pattern;
 use spindoe::synth::occlusion::{Occluder, OccluderKind};
 use spindoe::synth::pen::Spot;
-use spindoe::synth::surface::{Seam, Surface};
+use spindoe::synth::surface::{HalvesSeam, Surface};
 use spindoe::synth::view::View;
 use spindoe::synth::{Rendering, Scene, SynthConfig};
 
@@ -209,7 +209,7 @@ fn off_print(dots: &Pattern, surface: &mut Surface) -> Outcome<Pattern> {
             let parts = under.iter().zip(&surface.ball);
             parts.map(|(u, b)| (u / b - 1.0).abs()).fold(0.0, f32::max)
         });
-        let is_off_seam = |seam: &Seam| {
+        let is_off_seam = |seam: &HalvesSeam| {
             let away = seam.axis.dot(&spot.middle).abs().asin();
             away > seam.half_width + OFF_PRINT * spot.radius
         };

@@ -194,14 +194,14 @@ fn orientations() {
 #[test]
 fn checkpoints() {
     use spindoe::design::state::Checkpoint;
-    use spindoe::design::{Candidate, DesignConfig, SearchState};
+    use spindoe::design::{DesignCandidate, DesignConfig, SearchState};
     let pattern = crate::common::random_pattern(8, 5);
     let mut config = DesignConfig {
         dots: 8,
         ..DesignConfig::default()
     };
     config.constraints.min_separation_rad = 0.2;
-    let candidate = Candidate {
+    let candidate = DesignCandidate {
         start: 0,
         value_before: 2.0,
         value: 1.0,

@@ -530,6 +530,7 @@ fn the_surface_of_a_ball_shows_its_marks_and_what_no_frame_shows() {
         direction,
         radius_rad: 0.2,
         kind,
+        evidence: None,
     };
     let surface = MarkedSurface {
         places: spiral_directions(4000).map(place).collect(),

@@ -10,7 +10,7 @@ use spindoe::clip::{
 use spindoe::geometry::{CameraFrame, Rotation};
 use spindoe::image::{ImageView, RgbImage};
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, Frame};
+use spindoe::synth::dataset::{ClipConfig, SynthFrame};
 use spindoe::synth::rig::{RigSequence, to_yaml};
 use spindoe::vision::{
     Camera, DetectorName, Estimator, EstimatorConfig, Extrinsics, FrameEstimate, Intrinsics, Prior,
@@ -111,7 +111,7 @@ fn clip() -> &'static Clip {
             let frame = |k| sequence.frame(camera, k).unwrap();
             (0..FRAMES).map(frame).collect::<Vec<_>>()
         });
-        let frames: Vec<Vec<Frame>> = frames.collect();
+        let frames: Vec<Vec<SynthFrame>> = frames.collect();
         let truths = frames[0].iter().map(|f| f.truth.camera_orientation());
         let truths = truths.collect();
         let images: Vec<Vec<RgbImage>> = frames

@@ -8,10 +8,10 @@ use spindoe::clip::{
 };
 use spindoe::geometry::{CameraFrame, Rotation, Vec3};
 use spindoe::pattern::Pattern;
-use spindoe::spin::golf::{Flight, SpinType};
+use spindoe::spin::golf::{GolfFlight, SpinType};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::background::Background;
-use spindoe::synth::dataset::{BallTruth, ClipConfig, Sequence, frame_rng, strobed_frame};
+use spindoe::synth::dataset::{BallTruth, ClipConfig, SynthSequence, frame_rng, strobed_frame};
 use spindoe::synth::folder::Truth;
 use spindoe::synth::sensor::Sensor;
 use spindoe::synth::several::StrobeConfig;
@@ -113,7 +113,7 @@ fn of_two_balls_the_nearer_hides_the_other() {
     };
     let mut hidden = 0;
     for seed in 0..4 {
-        let clip = Sequence::of_balls(&patterns, &config, &clip, seed, 11).unwrap();
+        let clip = SynthSequence::of_balls(&patterns, &config, &clip, seed, 11).unwrap();
         for k in 0..11 {
             let (mut scene, _) = clip.scene(k);
             scene.sensor = Sensor::PERFECT;
@@ -251,7 +251,7 @@ fn all_images_of_an_exposure_are_found_and_their_spin_is_right() {
             posed += 1;
         }
         let moved = truth[1].center.u - truth[0].center.u;
-        let flight = Flight::of_motion([moved, 0.0]);
+        let flight = GolfFlight::of_motion([moved, 0.0]);
         // The right direction is among the hypotheses whether it is given or not.
         for given in [Some(flight), None] {
             let read = Strobe::new(
@@ -399,7 +399,7 @@ fn two_images_without_a_direction_leave_both() {
     );
     assert!([a, b].contains(&crowded[0].spin().unwrap()));
     // A third flash that lit no image: any of three may be the missed one.
-    let flight = Flight::of_motion([
+    let flight = GolfFlight::of_motion([
         frame.truth.balls[1].center.u - frame.truth.balls[0].center.u,
         0.0,
     ]);
@@ -428,7 +428,7 @@ fn balls_that_cross_keep_their_numbers_and_tables() {
         fps: 350.0,
         ..ClipConfig::default()
     };
-    let clip = Sequence::of_balls(&patterns, &config, &timing, 21, 14).unwrap();
+    let clip = SynthSequence::of_balls(&patterns, &config, &timing, 21, 14).unwrap();
     let all = BallsEstimator::new(estimators(&patterns), None).unwrap();
     let mut ws = all.workspace().unwrap();
     let mut truths = Vec::new();

@@ -10,7 +10,7 @@ use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
 use spindoe::synth::background::Background;
 use spindoe::synth::compression::Compression;
-use spindoe::synth::dataset::{ClipConfig, Sequence, frame_rng, frames, independent_frame};
+use spindoe::synth::dataset::{ClipConfig, SynthSequence, frame_rng, frames, independent_frame};
 use spindoe::synth::folder::{self, Masks, Origin, Truth};
 use spindoe::synth::light::Light;
 use spindoe::synth::pen::Spot;
@@ -623,7 +623,7 @@ fn nothing_moves_in_an_exposure_of_no_time() {
         ..ClipConfig::default()
     };
     let frame = |exposure_s, drift| {
-        Sequence::random(&pattern, &config, &sequence(exposure_s, drift), 4, 10)
+        SynthSequence::random(&pattern, &config, &sequence(exposure_s, drift), 4, 10)
             .unwrap()
             .frame(5)
             .unwrap()
@@ -688,12 +688,12 @@ fn the_truth_of_a_rolling_shutter_is_that_of_each_row() {
         parallel_share: 1.0,
         ..SynthConfig::good().as_designed()
     };
-    let sequence = Sequence::random(&pattern, &config, &clip, 4, 10).unwrap();
+    let sequence = SynthSequence::random(&pattern, &config, &clip, 4, 10).unwrap();
     let global = ClipConfig {
         readout_s: 0.0,
         ..clip
     };
-    let global = Sequence::random(&pattern, &config, &global, 4, 10).unwrap();
+    let global = SynthSequence::random(&pattern, &config, &global, 4, 10).unwrap();
     let row_s = readout_s / (rows - 1.0);
     let (spin, start) = (
         Vec3::new(100.0, -200.0, 150.0),

@@ -20,7 +20,7 @@ const KEPT: f64 = 0.5;
 const OUTLINE: usize = 3;
 
 /// The derivatives of a detection's expected place.
-pub(super) struct Projection {
+pub(super) struct ProjectionJacobian {
     pub pixel: Pixel,
     pub of_frame: SMatrix<f64, 2, BLOCK>,
     by_dot: Matrix2<f64>,
@@ -116,7 +116,7 @@ impl Bundle {
         frame: &BundleFrame,
         dot: usize,
         axes: &Matrix3x2<f64>,
-    ) -> Projection {
+    ) -> ProjectionJacobian {
         let to_view = to_view.to_rotation_matrix();
         let turned = frame.rotation * self.dots[dot];
         let q = to_view * turned;
@@ -138,7 +138,7 @@ impl Bundle {
         of_frame
             .fixed_view_mut::<2, 3>(0, OUTLINE)
             .copy_from(&by_outline);
-        Projection {
+        ProjectionJacobian {
             pixel,
             of_frame,
             by_dot: by_direction * frame.rotation.to_rotation_matrix().matrix() * axes,
@@ -236,7 +236,7 @@ impl Bundle {
         equations: &mut NormalEquations,
         k: usize,
         seen: &Observation,
-        p: &Projection,
+        p: &ProjectionJacobian,
         weighting: Weighting,
     ) -> Option<()> {
         let (residual, information) = self.weighted(seen, p.pixel)?;

@@ -37,14 +37,14 @@ pub(super) use camera::FrameView;
 
 use nalgebra::{Matrix2, Matrix3, Matrix6, Vector2};
 
-use crate::fit::{Damping, Descent, Student};
+use crate::fit::{DampedDescent, Damping, Student};
 use crate::geometry::{Rotation, Vec3, kabsch, tangent_frame};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::outline::Outline;
 use crate::vision::optics::camera::{BallCircle, Pixel};
 use camera::{OPTICS, SHARED, SharedCamera};
 use motion::{MotionPrior, SPIN, TimedPose};
-use schur::{NormalEquations, Step};
+use schur::{BundleStep, NormalEquations};
 
 /// The detections' loss.
 const LOSS: Student = Student::new(5, 2);
@@ -303,7 +303,7 @@ impl Bundle {
 
     /// The step of these equations that keeps the camera in its domain. Rays that are parallel or nearly so
     /// lie at its bound: there the distance is held, and the rest moves as it would without it.
-    fn step(&self, equations: &NormalEquations, damping: f64) -> Option<Step> {
+    fn step(&self, equations: &NormalEquations, damping: f64) -> Option<BundleStep> {
         let step = equations.solve(damping)?;
         let at = 2 * self.dots.len();
         match self.camera.change_to_parallel() {
@@ -313,7 +313,7 @@ impl Bundle {
     }
 
     /// The problem after a step.
-    fn moved(&self, step: &Step) -> Self {
+    fn moved(&self, step: &BundleStep) -> Self {
         let mut moved = self.clone();
         for (j, dot) in moved.dots.iter_mut().enumerate() {
             let [e1, e2] = tangent_frame(dot);
@@ -429,7 +429,7 @@ struct Linearized {
     equations: Option<NormalEquations>,
 }
 
-impl Descent for Linearized {
+impl DampedDescent for Linearized {
     fn cost(&self) -> f64 {
         self.cost
     }

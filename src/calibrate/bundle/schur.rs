@@ -37,7 +37,7 @@ pub(super) struct NormalEquations {
 }
 
 /// A solution: the step of every frame and of the border.
-pub(super) struct Step {
+pub(super) struct BundleStep {
     pub frames: Vec<BlockVector>,
     pub border: DVector<f64>,
 }
@@ -79,7 +79,7 @@ impl NormalEquations {
 
     /// The step, with the diagonal grown by the share `damping`; `None` where the matrix is not
     /// positive definite.
-    pub fn solve(&self, damping: f64) -> Option<Step> {
+    pub fn solve(&self, damping: f64) -> Option<BundleStep> {
         let f = self.factor(damping)?;
         let border = Cholesky::new(f.schur)?.solve(&f.schur_gradient);
         let mut frames = vec![BlockVector::zeros(); f.lower.len()];
@@ -94,11 +94,11 @@ impl NormalEquations {
                 .tr_solve_lower_triangular_mut(&mut rest);
             frames[k] = rest;
         }
-        Some(Step { frames, border })
+        Some(BundleStep { frames, border })
     }
 
     /// As [`solve`](Self::solve), with the step of one of the border's unknowns given.
-    pub fn solve_given(&self, damping: f64, at: usize, step: f64) -> Option<Step> {
+    pub fn solve_given(&self, damping: f64, at: usize, step: f64) -> Option<BundleStep> {
         let mut given = self.clone();
         for (gradient, border) in given.gradient.iter_mut().zip(&mut given.border) {
             *gradient -= border.column(at) * step;

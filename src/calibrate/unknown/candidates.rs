@@ -1,5 +1,6 @@
 //! What may be a dot on a ball.
 
+use super::evidence::MarkEvidence;
 use super::map::MapDot;
 
 /// What a mark of a ball is taken for.
@@ -29,20 +30,22 @@ impl Kind {
 
 /// What may be a dot.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Candidate {
+pub(super) struct MarkCandidate {
     pub dot: MapDot,
     /// Its angular radius, radians.
     pub radius: f64,
-    /// What the detector takes it for, over the middle dot.
-    pub likeness: f64,
     pub kind: Kind,
+    /// How likely it is a dot; of what nothing but the detector sees, what that takes it for over the middle dot.
+    pub probability: f64,
+    /// What the witnesses say; `None` where nothing but the detector sees it.
+    pub evidence: Option<MarkEvidence>,
 }
 
 /// What may be a dot on a ball.
 #[derive(Debug)]
 pub(super) struct Candidates {
     /// The likeliest first, what is none last.
-    pub dots: Vec<Candidate>,
+    pub dots: Vec<MarkCandidate>,
     /// Share of the surface that no view shows.
     pub blind: f64,
     /// Radius, radians, and darkness of the middle dot.

@@ -5,7 +5,7 @@
 //! decides where as many marks look like dots and nothing else does: what is in doubt is then none.
 
 use super::UnknownRejection;
-use super::candidates::{Candidate, Candidates, Kind};
+use super::candidates::{Candidates, Kind, MarkCandidate};
 use crate::geometry::{Vec3, angle_between};
 use crate::surface::Darkness;
 
@@ -79,7 +79,11 @@ impl Candidates {
     ///
     /// # Errors
     /// What is in doubt.
-    pub fn dots(&self, surface: &Darkness, known: &KnownDots) -> Result<Vec<Candidate>, Unclear> {
+    pub fn dots(
+        &self,
+        surface: &Darkness,
+        known: &KnownDots,
+    ) -> Result<Vec<MarkCandidate>, Unclear> {
         let of = |kind: Kind| self.dots.iter().filter(move |c| c.kind == kind).copied();
         if let KnownDots::Marks(said) = known {
             return self.said(said);
@@ -110,12 +114,12 @@ impl Candidates {
     }
 
     /// The marks that are said to be the dots.
-    fn said(&self, said: &[Vec3]) -> Result<Vec<Candidate>, Unclear> {
+    fn said(&self, said: &[Vec3]) -> Result<Vec<MarkCandidate>, Unclear> {
         let at = |place: &Vec3| {
-            let near = |c: &&Candidate| angle_between(&c.dot.direction, place) < SAID_RAD;
+            let near = |c: &&MarkCandidate| angle_between(&c.dot.direction, place) < SAID_RAD;
             self.dots.iter().find(near).copied()
         };
-        let dots: Vec<Candidate> = said.iter().filter_map(at).collect();
+        let dots: Vec<MarkCandidate> = said.iter().filter_map(at).collect();
         let marks = said.len() - dots.len();
         if marks > 0 {
             return Err(UnknownRejection::OtherMarks { marks }.into());

@@ -4,7 +4,7 @@
 //! than half of them, by noise. In a single frame a dot is darker than the ball about it whatever else is in view, while a finger covers both.
 
 use super::map::DotMap;
-use super::marks::Mark;
+use super::marks::DarkMark;
 use crate::concurrency;
 use crate::stats::quantile;
 use crate::surface::Darkness;
@@ -12,17 +12,12 @@ use crate::surface::{ExpectedDot, PaintedFrame, contrasts};
 
 /// Depth from which a view faces a mark well enough.
 const LOOKED_AT: f64 = 0.35;
-/// Of the views the darkest are so many parts dark, and a view that shows the mark is at least so much of that.
-const DARKEST: f64 = 0.75;
-const SHOWS: f64 = 0.25;
 
 /// The darkness of a mark over that of what is around it, view by view.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Contrast {
     /// The median.
     pub middle: f64,
-    /// Share of the views that show it.
-    pub steady: f64,
     /// Number of views.
     pub views: usize,
 }
@@ -33,11 +28,8 @@ impl Contrast {
             return Self::default();
         }
         values.sort_unstable_by(f64::total_cmp);
-        let least = SHOWS * quantile(&values, DARKEST);
-        let shown = values.iter().filter(|v| **v >= least).count();
         Self {
             middle: quantile(&values, 0.5),
-            steady: shown as f64 / values.len() as f64,
             views: values.len(),
         }
     }
@@ -49,7 +41,7 @@ impl DotMap<'_> {
         &self,
         shown: &[PaintedFrame],
         surface: &Darkness,
-        marks: &[Mark],
+        marks: &[DarkMark],
     ) -> Vec<Contrast> {
         let frames: Vec<usize> = (0..self.frames.len()).collect();
         let seen = concurrency::map(&frames, |&k| {

@@ -3,11 +3,8 @@
 use super::candidates::Candidates;
 use super::choice::KnownDots;
 use super::map::{DotMap, NEW_DEPTH};
-use super::{BuiltPattern, MIN_VIEWS, UnknownRejection};
-use crate::calibrate::bundle::Bundle;
-use crate::calibrate::result::rms_sigma_rad;
-use crate::geometry::{Vec3, spiral_directions};
-use crate::pattern::{MIN_DOTS, Pattern};
+use super::{BuiltPattern, UnknownRejection};
+use crate::pattern::Pattern;
 use crate::surface::Darkness;
 use crate::surface::PaintedFrame;
 
@@ -18,18 +15,8 @@ const MIN_PLACED: f64 = 0.6;
 /// Share of the detections in these frames that must be the map's: in a map torn in two half of them are not, on 80
 /// rendered balls at least 94 % were.
 const MIN_EXPLAINED: f64 = 0.8;
-/// Places at which the coverage is looked up.
-const PLACES: usize = 400;
-/// Share of the places that may lack views: of twenty dots six in ten hide none there. Where the number of
-/// dots is known and found, none hides, and more may.
-const MAX_BLIND: f64 = 0.03;
-const MAX_BLIND_COUNTED: f64 = 0.15;
 /// A dot shows where a view shows the surface so near its middle, radii.
 const SHOWS: f64 = 0.7;
-/// Largest standard deviation of a dot's place by the detections, radians. Dots that only the limb shows have more, and the outline's error shifts
-/// them farther.
-const MAX_SIGMA_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
-
 impl DotMap<'_> {
     /// Whether most frames hang together and agree with the map.
     ///
@@ -87,60 +74,6 @@ impl DotMap<'_> {
         })
     }
 
-    /// The same where nothing is known of the surface.
-    pub fn finish_by_detections(
-        mut self,
-        expected: Option<usize>,
-    ) -> std::result::Result<BuiltPattern, UnknownRejection> {
-        let fitted = self.fit();
-        let blind = self.blind();
-        let names = self.like_dots(&self.established(), expected);
-        let found = names.len();
-        let max_blind = match expected == Some(found) {
-            true => MAX_BLIND_COUNTED,
-            false => MAX_BLIND,
-        };
-        if blind > max_blind {
-            return Err(UnknownRejection::NotCovered { blind });
-        }
-        if let Some(expected) = expected.filter(|n| *n != found) {
-            return Err(UnknownRejection::WrongNumber { expected, found });
-        }
-        self.pattern_of(&names, &fitted, blind)
-    }
-
-    /// These dots as a pattern, where the detections fix the places of all.
-    fn pattern_of(
-        &self,
-        names: &[usize],
-        fitted: &Bundle,
-        blind: f64,
-    ) -> std::result::Result<BuiltPattern, UnknownRejection> {
-        let found = names.len();
-        if found < MIN_DOTS {
-            return Err(UnknownRejection::NoPattern { found });
-        }
-        let fits = fitted
-            .dot_fits()
-            .ok_or(UnknownRejection::NotCovered { blind })?;
-        let sigma = |j: &usize| rms_sigma_rad(&fits[*j].covariance);
-        let rough = || names.iter().filter(|j| sigma(j) > MAX_SIGMA_RAD);
-        if rough().next().is_some() {
-            return Err(UnknownRejection::AtTheLimb {
-                dots: rough().count(),
-                sigma_rad: rough().map(sigma).fold(0.0, f64::max),
-            });
-        }
-        let directions = names.iter().map(|&j| self.dots[j].direction).collect();
-        let pattern =
-            Pattern::new(directions).map_err(|_| UnknownRejection::NoPattern { found })?;
-        Ok(BuiltPattern {
-            pattern,
-            radii_rad: Vec::new(),
-            blind,
-        })
-    }
-
     /// Share of the detections that face the camera, of the placed frames, that are the map's dots.
     fn explained(&self) -> f64 {
         let (mut facing, mut named) = (0usize, 0usize);
@@ -154,14 +87,5 @@ impl DotMap<'_> {
             }
         }
         named as f64 / facing.max(1) as f64
-    }
-
-    /// Share of the ball's surface that hardly any placed frame shows.
-    fn blind(&self) -> f64 {
-        let faced = |place: &Vec3| self.facing(place, FACING).take(MIN_VIEWS).count() == MIN_VIEWS;
-        let blind = spiral_directions(PLACES)
-            .filter(|place| !faced(place))
-            .count();
-        blind as f64 / PLACES as f64
     }
 }

@@ -1,6 +1,6 @@
 //! The map of the dots: begun by one frame, and grown by its neighbors outwards.
 
-use super::seen::{MIN_DEPTH, Seen, SeenDot};
+use super::seen::{MIN_DEPTH, SeenDot, UsableFrame};
 use super::{ESTABLISHED, PLACED};
 use crate::calibrate::config::CalibrationConfig;
 use crate::error::Result;
@@ -77,7 +77,7 @@ pub(super) struct Placed {
 /// A map that grows from one frame.
 pub(super) struct DotMap<'a> {
     /// As the last fit sees them.
-    pub frames: Vec<Seen>,
+    pub frames: Vec<UsableFrame>,
     pub estimates: &'a [FrameEstimate],
     pub config: &'a CalibrationConfig,
     pub dots: Vec<MapDot>,
@@ -92,7 +92,7 @@ pub(super) struct DotMap<'a> {
 
 impl<'a> DotMap<'a> {
     pub fn new(
-        frames: &[Seen],
+        frames: &[UsableFrame],
         estimates: &'a [FrameEstimate],
         config: &'a CalibrationConfig,
         seed: usize,

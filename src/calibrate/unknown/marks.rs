@@ -22,18 +22,14 @@ const AROUND: [[f64; 2]; 2] = [[1.6, 0.03], [2.4, 0.06]];
 /// A disc is at most so long over its width, fills at least so much of its ellipse, and is surrounded by at most so much of its own
 /// darkness. Chosen on balls drawn by hand (`bench calibration-unknown`, seeds 35100001 and
 /// 35100002): of 1 359 dots 96 % were such, of 95 other marks 11.
-const DISC: Shape = Shape {
+const DISC: MarkShape = MarkShape {
     elongation: 1.6,
     solidity: 0.85,
     around: 0.25,
 };
-/// What is longer over its width, or fills less of its ellipse, is none: of 1 197 dots on plain balls 6 (`bench calibration-unknown --plain
-/// --seed 35100001`), most of them two that run into one.
-const NO_DISC: [f64; 2] = [2.0, 0.75];
-
 /// How a mark looks.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Shape {
+pub(super) struct MarkShape {
     /// Length over width.
     pub elongation: f64,
     /// Its area over that of the ellipse of the same moments.
@@ -44,26 +40,21 @@ pub(super) struct Shape {
 
 /// A dark mark.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Mark {
+pub(super) struct DarkMark {
     /// Its middle.
     pub direction: Vec3,
     /// How dark it is, over the bare ball's brightness.
     pub darkness: f64,
     /// The angular radius of a disc of its area, radians.
     pub radius: f64,
-    pub shape: Shape,
+    pub shape: MarkShape,
     /// The minimum number of views that show a place of it.
     pub views: usize,
     /// See [`Place::steady`](crate::surface::SurfacePlace::steady), the mean over its places.
     pub steady: f64,
 }
 
-impl Mark {
-    /// Whether it is surely no disc, whatever the detector says.
-    pub fn is_no_disc(&self) -> bool {
-        self.shape.elongation > NO_DISC[0] || self.shape.solidity < NO_DISC[1]
-    }
-
+impl DarkMark {
     /// Whether it is no longer than a disc and has no gaps, whatever is around it.
     pub fn is_round(&self) -> bool {
         self.shape.elongation <= DISC.elongation && self.shape.solidity >= DISC.solidity
@@ -76,7 +67,7 @@ impl Mark {
 }
 
 /// The marks of a surface, each with the places that it is of.
-pub(super) fn marks(surface: &Darkness) -> Vec<(Mark, Vec<usize>)> {
+pub(super) fn marks(surface: &Darkness) -> Vec<(DarkMark, Vec<usize>)> {
     let least = LEAST.max(OVER_NOISE * surface.noise);
     let dark = |k: usize| surface.places[k].darkness;
     let is_above = |a: usize, b: usize| (dark(a), a) > (dark(b), b);
@@ -115,7 +106,7 @@ pub(super) struct MiddleDisc {
 
 impl MiddleDisc {
     /// Of those among these marks, if there is one.
-    pub fn of(marks: &[(Mark, Vec<usize>)]) -> Option<Self> {
+    pub fn of(marks: &[(DarkMark, Vec<usize>)]) -> Option<Self> {
         let discs = || marks.iter().map(|(mark, _)| mark).filter(|m| m.is_disc());
         discs().next()?;
         Some(Self {
@@ -152,7 +143,7 @@ fn join_across_saddles(surface: &Darkness, uphill: &mut [usize], least: f32) {
 }
 
 /// The mark of these places, the darkest of which is `top`.
-pub(super) fn mark(surface: &Darkness, top: usize, members: &[usize]) -> Mark {
+pub(super) fn mark(surface: &Darkness, top: usize, members: &[usize]) -> DarkMark {
     let places = || members.iter().map(|k| &surface.places[*k]);
     let sum: Vec3 = places().map(|p| p.direction * f64::from(p.darkness)).sum();
     let direction = sum.normalize();
@@ -183,11 +174,11 @@ pub(super) fn mark(surface: &Darkness, top: usize, members: &[usize]) -> Mark {
     surface.near(&direction, radius, |k| {
         views = views.min(surface.places[k].views)
     });
-    Mark {
+    DarkMark {
         direction,
         darkness,
         radius,
-        shape: Shape {
+        shape: MarkShape {
             elongation: long / short,
             solidity: area / (4.0 * std::f64::consts::PI * long * short),
             around: if count > 0.0 {

@@ -20,8 +20,8 @@ mod confirm;
 mod contrast;
 mod coverage;
 mod design;
+mod evidence;
 mod kinds;
-mod looks;
 mod map;
 mod marks;
 mod parts;
@@ -31,7 +31,7 @@ mod tidy;
 
 use super::config::CalibrationConfig;
 use super::result::CalibrationRejection;
-use crate::error::{Error, Result, are, counted, require};
+use crate::error::{Result, are, counted, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS, Pattern};
 use crate::stats::median;
 use crate::surface::{Darkness, PaintedFrame};
@@ -41,12 +41,13 @@ pub use candidates::Kind as MarkKind;
 pub use choice::KnownDots;
 pub use confirm::calibrate_built;
 pub use design::matching_design;
+pub use evidence::{MARK_FEATURES, MarkEvidence};
 
 pub use crate::clip::painted::SurfaceObserver;
 pub use crate::surface::SurfacePlace;
 use map::DotMap;
 use marks::{MiddleDisc, marks};
-use seen::Seen;
+use seen::UsableFrame;
 pub use survey::{MarkedSurface, MissingSide, Side, SurfaceMark, Survey};
 
 /// What so many marks are.
@@ -190,17 +191,6 @@ pub enum UnknownRejection {
         /// Share of the detections that are dots of the map.
         explained: f64,
     },
-    /// Dots whose places are not known well enough.
-    #[error(
-        "too static a clip: only the ball's edge shows some dots ({dots}), known to {:.1} degrees; turn it about \
-         another axis as well", sigma_rad.to_degrees()
-    )]
-    AtTheLimb {
-        /// Number of these dots.
-        dots: usize,
-        /// The largest standard deviation of a dot's place, radians.
-        sigma_rad: f64,
-    },
     /// Nothing shows what a dot looks like.
     #[error(
         "too few dark discs are on the ball to learn what a dot looks like: draw the dots round, filled and alike"
@@ -270,37 +260,8 @@ impl UnknownRejection {
     }
 }
 
-/// Builds the pattern of the ball in a clip from its detections; the poses of the estimates do not matter. `shown` is what the frames
-/// show of the ball's surface, one a frame; without it, detections alone say what is a dot, and nothing but their number may be known.
-///
-/// # Errors
-/// [`crate::Error::Argument`] for settings outside their domains.
-pub fn build_pattern(
-    estimates: &[FrameEstimate],
-    shown: Option<&[PaintedFrame]>,
-    known: &KnownDots,
-    config: &CalibrationConfig,
-) -> Result<std::result::Result<BuiltPattern, UnknownRejection>> {
-    if let Some(shown) = shown {
-        return Ok(survey(estimates, shown, known, config)?.pattern);
-    }
-    let expected = match *known {
-        KnownDots::Nothing => None,
-        KnownDots::Number(number) => Some(number),
-        KnownDots::Marks(_) => {
-            let problem = "expected none without what the frames show of the surface";
-            return Err(Error::argument("marks", problem));
-        }
-    };
-    config.check()?;
-    let grown = grown(estimates, config)?;
-    Ok(grown.and_then(|(map, rich)| {
-        map.connected(rich)?;
-        map.finish_by_detections(expected)
-    }))
-}
-
-/// As [`build_pattern`], with what the clip shows of the ball and what it lacks.
+/// What a clip shows of its ball, from its detections (the poses of the estimates do not matter) and what its frames show of the ball's surface,
+/// one a frame: the pattern of its dots, or what it lacks.
 ///
 /// # Errors
 /// [`crate::Error::Argument`] for settings outside their domains, and another number of frames shown than estimated.
@@ -359,10 +320,10 @@ fn grown<'a>(
     estimates: &'a [FrameEstimate],
     config: &'a CalibrationConfig,
 ) -> Result<std::result::Result<(DotMap<'a>, usize), UnknownRejection>> {
-    let frames: Vec<Seen> = estimates
+    let frames: Vec<UsableFrame> = estimates
         .iter()
         .enumerate()
-        .filter_map(|(k, estimate)| Seen::new(k, estimate, &config.estimator.camera))
+        .filter_map(|(k, estimate)| UsableFrame::new(k, estimate, &config.estimator.camera))
         .collect();
     let rich: Vec<usize> = (0..frames.len())
         .filter(|&k| frames[k].likely().count() >= MIN_SEED)
@@ -390,7 +351,7 @@ fn grown<'a>(
 }
 
 /// Frames to begin with: rich in dots, spread over the clip.
-fn seeds(frames: &[Seen], rich: &[usize]) -> Vec<usize> {
+fn seeds(frames: &[UsableFrame], rich: &[usize]) -> Vec<usize> {
     let parts = rich.chunks(rich.len().div_ceil(SEEDS));
     let mut seeds: Vec<usize> = parts
         .filter_map(|part| {

@@ -8,7 +8,7 @@
 use nalgebra::Matrix3;
 
 use super::map::DotMap;
-use super::marks::{Mark, MiddleDisc, mark, marks};
+use super::marks::{DarkMark, MiddleDisc, mark, marks};
 use crate::geometry::Vec3;
 use crate::surface::Darkness;
 
@@ -30,11 +30,11 @@ const MIN_WELL: usize = 10;
 impl DotMap<'_> {
     /// The marks of a surface, those that are several dots as these, and the radius of the middle disc, radians; `None` without a
     /// disc.
-    pub fn marks(&self, surface: &Darkness) -> Option<(Vec<Mark>, f64)> {
+    pub fn marks(&self, surface: &Darkness) -> Option<(Vec<DarkMark>, f64)> {
         let whole = marks(surface);
         let radius = MiddleDisc::of(&whole)?.radius;
         let parted = whole.iter().map(|(mark, members)| {
-            let is_long = |parts: &Vec<Mark>| {
+            let is_long = |parts: &Vec<DarkMark>| {
                 let views = self.facing(&mark.direction, WELL).count();
                 views >= MIN_WELL || self.within_mark(mark) >= parts.len()
             };
@@ -47,8 +47,8 @@ impl DotMap<'_> {
 }
 
 /// The dots that these places of one mark are, where they are several. `radius` is that of the ball's middle disc, radians.
-fn parts(surface: &Darkness, members: &[usize], radius: f64) -> Option<Vec<Mark>> {
-    let is_dot = |m: &Mark| m.is_round() && (SIZE[0]..=SIZE[1]).contains(&(m.radius / radius));
+fn parts(surface: &Darkness, members: &[usize], radius: f64) -> Option<Vec<DarkMark>> {
+    let is_dot = |m: &DarkMark| m.is_round() && (SIZE[0]..=SIZE[1]).contains(&(m.radius / radius));
     (2..=MOST).find_map(|count| {
         let shared = shared_out(surface, members, count)?;
         let marks = shared.iter().map(|part| {
@@ -58,13 +58,13 @@ fn parts(surface: &Darkness, members: &[usize], radius: f64) -> Option<Vec<Mark>
                 .max_by(|a, b| darkness(a).total_cmp(&darkness(b)))?;
             Some(mark(surface, top, part)).filter(is_dot)
         });
-        let marks: Option<Vec<Mark>> = marks.collect();
+        let marks: Option<Vec<DarkMark>> = marks.collect();
         marks.filter(|marks| (0..count).all(|part| stands_apart(surface, marks, part)))
     })
 }
 
 /// Whether the surface is less dark between a part and the next one.
-fn stands_apart(surface: &Darkness, parts: &[Mark], part: usize) -> bool {
+fn stands_apart(surface: &Darkness, parts: &[DarkMark], part: usize) -> bool {
     let middle = parts[part].direction;
     let others = parts.iter().enumerate().filter(|(k, _)| *k != part);
     let others = others.map(|(_, other)| other.direction);

@@ -16,7 +16,7 @@ const BASE_SIGMA_RAD: f64 = 0.02;
 
 /// A frame's usable detections; a [`FittedFrame`](crate::calibrate::fitted::FittedFrame) has an orientation besides.
 #[derive(Debug, Clone)]
-pub(super) struct Seen {
+pub(super) struct UsableFrame {
     /// Its place in the clip.
     pub index: usize,
     pub outline: Outline,
@@ -35,7 +35,7 @@ pub(super) struct SeenDot {
     pub is_likely: bool,
 }
 
-impl Seen {
+impl UsableFrame {
     pub fn new(index: usize, estimate: &FrameEstimate, camera: &CameraModel) -> Option<Self> {
         let outline = estimate.outline?;
         let view = BallView::new(&camera.at(None), outline.circle).ok()?;

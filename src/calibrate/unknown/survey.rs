@@ -1,8 +1,8 @@
 //! How much of a ball a clip shows, and where what it lacks lies.
 
-use super::candidates::Candidate;
+use super::candidates::MarkCandidate;
 use super::map::DotMap;
-use super::{BuiltPattern, MarkKind, UnknownRejection};
+use super::{BuiltPattern, MarkEvidence, MarkKind, UnknownRejection};
 use crate::geometry::{Vec3, angle_between};
 use crate::surface::{Darkness, SurfacePlace};
 
@@ -13,6 +13,9 @@ const HOLE: f64 = 0.4;
 /// What is turned away so far, as the cosine of its angle to the camera, is behind the ball; what is turned to it so far, visible.
 const BEHIND: f64 = -0.75;
 const VISIBLE: f64 = 0.2;
+
+/// A mark that is less likely a dot is not shown to a person: of 1 483 marks that are none 39 % have more, and all dots do.
+const WORTH_A_LOOK: f64 = 0.001;
 
 /// What a clip shows of a ball without a table.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,7 +66,7 @@ impl Survey {
 pub struct MarkedSurface {
     /// Spread evenly.
     pub places: Vec<SurfacePlace>,
-    /// The marks that are dots or may be, the likeliest first; those that are none and have a dot's size and darkness last.
+    /// All marks: those that are dots or may be, the likeliest first, and then the others.
     pub marks: Vec<SurfaceMark>,
 }
 
@@ -76,14 +79,25 @@ pub struct SurfaceMark {
     pub radius_rad: f64,
     /// What it is taken for.
     pub kind: MarkKind,
+    /// What speaks for a dot; `None` where nothing but the detector sees it.
+    pub evidence: Option<MarkEvidence>,
 }
 
 impl MarkedSurface {
-    pub(super) fn new(surface: &Darkness, marks: &[Candidate]) -> Self {
-        let mark = |c: &Candidate| SurfaceMark {
+    /// The marks that may be dots to a person who looks at the surface; their order numbers them.
+    pub fn worth_a_look(&self) -> impl Iterator<Item = &SurfaceMark> {
+        self.marks.iter().filter(|mark| {
+            let probability = mark.evidence.map(|e| e.probability());
+            probability.is_none_or(|p| p >= WORTH_A_LOOK)
+        })
+    }
+
+    pub(super) fn new(surface: &Darkness, marks: &[MarkCandidate]) -> Self {
+        let mark = |c: &MarkCandidate| SurfaceMark {
             direction: c.dot.direction,
             radius_rad: c.radius,
             kind: c.kind,
+            evidence: c.evidence,
         };
         Self {
             places: surface.places.clone(),

@@ -77,7 +77,7 @@ pub(super) fn leave(folder: &Path, surface: &MarkedSurface) -> Result<PathBuf> {
 pub(super) fn write(folder: &Path, surface: &MarkedSurface) -> Result<()> {
     surface_views(&folder.join(PICTURE), surface)?;
     let mut text = COLUMNS.names.join(",") + "\n";
-    for (number, mark) in surface.marks.iter().enumerate() {
+    for (number, mark) in surface.worth_a_look().enumerate() {
         let [x, y, z] = [mark.direction.x, mark.direction.y, mark.direction.z];
         text += &format!("{number},{x},{y},{z},{}\n", mark.kind.as_str());
     }

@@ -142,7 +142,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     evaluated.report.command = Some(crate::cli::output::command_line());
     evaluated.ball = evaluated.ball.with_design(clip.ball.design().cloned())?;
     if let Some(surface) = &clip.surface {
-        evaluated.report.number_marks(&surface.marks);
+        evaluated.report.number_marks(surface);
     }
     evaluated.write(set.path())?;
     if let Some(surface) = &clip.surface {

@@ -119,7 +119,7 @@ pub struct Arguments {
     /// Settings and views together: paper is the way of the SpinDOE paper, steepest descent on the mean nearest-neighbor
     /// distance of the hash features, tried on the paper's views with the paper's recognizer.
     #[arg(hide = true, long, value_enum)]
-    preset: Option<Preset>,
+    preset: Option<DesignPreset>,
     /// The views to optimize for; mixed is sparse, image and clutter in equal parts. With --add clutter, where nothing else is asked for.
     #[arg(long, value_parser = one_of(&DesignViews::ALL, DesignViews::as_str), default_value_t = DesignViews::Mixed, default_value_ifs([("add", ArgPredicate::IsPresent, Some("clutter")), ("preset", ArgPredicate::IsPresent, Some("paper"))]))]
     protocol: DesignViews,
@@ -214,7 +214,7 @@ const PAPER_SEPARATION: f64 = 0.72;
 
 /// What is set together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Preset {
+enum DesignPreset {
     Paper,
 }
 

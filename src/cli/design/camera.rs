@@ -20,7 +20,8 @@ use crate::cli::output::Progress;
 use crate::design::search::feasible::packed_separation;
 use crate::design::state::Checkpoint;
 use crate::design::{
-    CameraRequest, Candidate, DesignConfig, DesignObserver, Objective, SearchState, Stage, design,
+    CameraRequest, DesignCandidate, DesignConfig, DesignObserver, Objective, SearchState, Stage,
+    design,
 };
 use crate::error::{Error, Result};
 use crate::files;
@@ -73,7 +74,7 @@ pub(super) fn conditions(
 /// A brief search's winner.
 struct Tried {
     arguments: Arguments,
-    finalists: Vec<Candidate>,
+    finalists: Vec<DesignCandidate>,
     pattern: Pattern,
     hole_mm: f64,
     /// How long the search took.
@@ -81,16 +82,16 @@ struct Tried {
 }
 
 /// What is settled before the search.
-pub(super) struct Settled {
+pub(super) struct SettledView {
     /// The arguments with the number of dots and the holes.
     pub arguments: Arguments,
     /// How long what follows takes; none without a camera.
     pub forecast: Option<Forecast>,
     /// Where the choice was stopped, the finalists of the best number of dots so far.
-    pub best_so_far: Option<Vec<Candidate>>,
+    pub best_so_far: Option<Vec<DesignCandidate>>,
 }
 
-impl Settled {
+impl SettledView {
     /// Where the choice was stopped, leaves its best for a search that is stopped at once; whether it was.
     pub fn leave(&self, job: &DesignJob) -> Result<bool> {
         let Some(finalists) = &self.best_so_far else {
@@ -109,8 +110,8 @@ impl Settled {
 
 /// The arguments with the number of dots and the holes settled for the camera: those given, or the
 /// best of a few brief searches.
-pub(super) fn settled(arguments: &Arguments) -> Result<Settled> {
-    let mut settled = Settled {
+pub(super) fn settled(arguments: &Arguments) -> Result<SettledView> {
+    let mut settled = SettledView {
         arguments: arguments.clone(),
         forecast: None,
         best_so_far: None,
@@ -153,7 +154,7 @@ fn choose(
     arguments: &Arguments,
     trials: &CameraTrials,
     forecast: &mut Forecast,
-    settled: &mut Settled,
+    settled: &mut SettledView,
 ) -> Result<()> {
     errln!("choosing the number of dots for the camera; --dots N spares it");
     let stop = stop_on_interrupt(STOPPING)?;

@@ -15,7 +15,7 @@ use super::print_json;
 use crate::design::Shard;
 use crate::error::Result;
 use crate::recognize::RecognizerName;
-use crate::report::{CHECKPOINT, DesignEvaluation, DesignJob, DesignReport, Start};
+use crate::report::{CHECKPOINT, DesignEvaluation, DesignJob, DesignReport, JobStart};
 use crate::validate::NamedValidation;
 
 pub use arguments::Arguments;
@@ -52,7 +52,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     {
         progress = progress.with_forecast(settled.forecast);
         if settled.leave(&job)? {
-            start = Start::Resume;
+            start = JobStart::Resume;
             stop.store(true, std::sync::atomic::Ordering::Relaxed);
         }
     }
@@ -131,12 +131,12 @@ const SHARDS: &str = "shards";
 fn run_all_shards(
     job: &DesignJob,
     count: usize,
-    start: Start,
+    start: JobStart,
     stop: &AtomicBool,
     progress: &mut DesignProgress<'_>,
     kept: &str,
 ) -> Result<Option<DesignEvaluation>> {
-    if start == Start::Fresh {
+    if start == JobStart::Fresh {
         job.reject_taken()?;
     }
     let mut dirs = Vec::new();
@@ -147,8 +147,12 @@ fn run_all_shards(
             ..job.clone()
         };
         // Of a search that was stopped, later shards have not begun.
-        let begun = start == Start::Resume && dir.join(CHECKPOINT).exists();
-        let start = if begun { Start::Resume } else { Start::Fresh };
+        let begun = start == JobStart::Resume && dir.join(CHECKPOINT).exists();
+        let start = if begun {
+            JobStart::Resume
+        } else {
+            JobStart::Fresh
+        };
         progress.begin_shard(shard);
         keeps(dir.join(CHECKPOINT), kept.to_owned());
         if !part.run_shard(shard, start, stop, progress)? {
@@ -161,7 +165,7 @@ fn run_all_shards(
 
 impl Arguments {
     /// The job that these arguments describe.
-    pub(super) fn job(&self) -> Result<(DesignJob, Start)> {
+    pub(super) fn job(&self) -> Result<(DesignJob, JobStart)> {
         let dir = self.output.clone().unwrap_or_else(free_folder);
         #[cfg_attr(not(any(feature = "plot", feature = "vision")), expect(unused_mut))]
         let mut job = DesignJob::of(self.config()?, dir);
@@ -172,9 +176,9 @@ impl Arguments {
         #[cfg(feature = "plot")]
         job.pictures.clone_from(&self.pictures);
         let start = if self.resume {
-            Start::Resume
+            JobStart::Resume
         } else {
-            Start::Fresh
+            JobStart::Fresh
         };
         Ok((job, start))
     }

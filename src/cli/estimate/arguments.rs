@@ -157,7 +157,7 @@ const DOTS_ONLY: [&str; 13] = [
 ];
 
 /// What ball the frames show.
-pub(super) enum Shown {
+pub(super) enum AskedBall {
     /// One with dots.
     Dots,
     /// One that is painted, with its surface where an earlier clip left it.
@@ -181,7 +181,7 @@ pub(in crate::cli) fn check_painted(given: Option<&ArgMatches>) -> Result<()> {
 
 impl Arguments {
     /// What ball the frames show, by its table or --painted; flags that it has no use for are refused.
-    pub(super) fn shown(&self, given: Option<&ArgMatches>) -> Result<Shown> {
+    pub(super) fn shown(&self, given: Option<&ArgMatches>) -> Result<AskedBall> {
         let surface = self.asked.surface()?;
         let is_painted = self.painted || surface.is_some();
         if self.write_surface.is_some() {
@@ -199,10 +199,10 @@ impl Arguments {
             return Err(Error::argument("--painted", problem));
         }
         if !is_painted {
-            return Ok(Shown::Dots);
+            return Ok(AskedBall::Dots);
         }
         check_painted(given)?;
-        Ok(Shown::Painted(surface))
+        Ok(AskedBall::Painted(surface))
     }
 
     /// Rejects numbers outside their domains.

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::balls;
-use super::format::{Format, FormatArguments};
+use super::format::{ForeignFormat, FormatArguments};
 use crate::ball::Ball;
 use crate::cli::flashes::Flashes;
 use crate::cli::images::{ImageArguments, read_balls};
 use crate::cli::output::one_of;
 use crate::error::{Error, Result, require};
 use crate::geometry::CameraFrame;
-use crate::spin::golf::{self, Flight};
+use crate::spin::golf::{self, GolfFlight};
 use crate::spin::robust::SpinConfig;
 use crate::surface::SurfaceMap;
 use crate::vision::frame::config::CameraModel;
@@ -20,7 +20,7 @@ use crate::vision::{Estimator, EstimatorConfig};
 
 /// A sport's ball, camera and words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Preset {
+pub enum SportPreset {
     /// A golf ball of 42.67 mm before a launch monitor.
     Golf,
 }
@@ -68,7 +68,7 @@ pub struct Asked {
         value_parser = balls::count,
         conflicts_with = "circle"
     )]
-    pub balls: Option<balls::Count>,
+    pub balls: Option<balls::BallCount>,
     /// Flashes of one exposure, milliseconds: ascending, or PERIODxN, as in 0.7x3. A frame shows one ball once for each flash, and its spin follows from these
     /// images alone. Rows have the times of their flashes and a column flash.
     #[arg(
@@ -83,10 +83,10 @@ pub struct Asked {
     #[arg(
         hide = true,
         long,
-        value_parser = one_of(&Flight::ALL, Flight::as_str),
+        value_parser = one_of(&GolfFlight::ALL, GolfFlight::as_str),
         requires = "strobe_ms"
     )]
-    pub flight: Option<Flight>,
+    pub flight: Option<GolfFlight>,
     /// The spin of strobed balls in golf's words: backspin, sidespin, tilt and rpm. The ball, of 42.67 mm, is seen from 0.4 to 0.6 m, unless
     /// --intrinsics or --camera-distance-radii say more, and spins of up to 15 000 rpm are considered.
     #[arg(
@@ -96,7 +96,7 @@ pub struct Asked {
         hide_possible_values = true,
         requires = "strobe_ms"
     )]
-    pub preset: Option<Preset>,
+    pub preset: Option<SportPreset>,
     #[command(flatten)]
     pub format: FormatArguments,
 }
@@ -194,7 +194,7 @@ impl Asked {
 
     /// Whether spins are said in golf's words.
     pub fn is_golf(&self) -> bool {
-        self.preset == Some(Preset::Golf)
+        self.preset == Some(SportPreset::Golf)
     }
 
     /// Whether a frame shows several images of balls.
@@ -230,7 +230,7 @@ impl Asked {
 
     /// The same of a camera whose intrinsics are known.
     pub fn axes(&self) -> CameraFrame {
-        match self.is_as(Format::Fictrac) {
+        match self.is_as(ForeignFormat::Fictrac) {
             true => CameraFrame::Optical,
             false => self.frame,
         }

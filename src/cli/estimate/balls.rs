@@ -11,7 +11,7 @@ use crate::vision::Estimator;
 use crate::vision::frame::config::{CameraDistance, CameraModel};
 #[cfg(feature = "plot")]
 pub(super) use report::BallRows;
-pub(super) use report::Report;
+pub(super) use report::BallsReport;
 pub(in crate::cli) use report::{shot_line, strobe_json, strobe_numbers, strobe_rows};
 
 /// A golf ball's radius over the distances of a launch monitor's camera, 0.4 to 0.6 m: their middle and a standard deviation.
@@ -27,17 +27,17 @@ pub(super) fn golf_camera() -> CameraModel {
 
 /// How many balls a frame has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::cli) enum Count {
+pub(in crate::cli) enum BallCount {
     /// As many as there are.
     Auto,
     /// So many.
     Of(usize),
 }
 
-pub(in crate::cli) fn count(text: &str) -> std::result::Result<Count, String> {
+pub(in crate::cli) fn count(text: &str) -> std::result::Result<BallCount, String> {
     match usize::from_str(text) {
-        _ if text == "auto" => Ok(Count::Auto),
-        Ok(count @ 1..=16) => Ok(Count::Of(count)),
+        _ if text == "auto" => Ok(BallCount::Auto),
+        Ok(count @ 1..=16) => Ok(BallCount::Of(count)),
         _ => Err("expected 1 to 16, or auto".into()),
     }
 }
@@ -49,8 +49,8 @@ pub(in crate::cli) fn estimator(
     strobe: Option<&Strobe>,
 ) -> Result<Option<BallsEstimator>> {
     let count = match (asked.balls, strobe) {
-        (Some(Count::Of(count)), _) => Some(count),
-        (Some(Count::Auto), _) => None,
+        (Some(BallCount::Of(count)), _) => Some(count),
+        (Some(BallCount::Auto), _) => None,
         (None, Some(strobe)) => Some(strobe.times_s().len()),
         (None, None) => return Ok(None),
     };

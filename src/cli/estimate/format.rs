@@ -12,7 +12,7 @@ use crate::spin::orientations::{OrientationRow, Orientations};
 
 /// A program whose format is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(in crate::cli) enum Format {
+pub(in crate::cli) enum ForeignFormat {
     /// FicTrac, of treadmills.
     Fictrac,
     /// GSPro, and other golf simulators that read its Open Connect V1.
@@ -29,7 +29,7 @@ pub struct FormatArguments {
         value_name = "fictrac|gspro",
         conflicts_with = "frame"
     )]
-    format: Option<Format>,
+    format: Option<ForeignFormat>,
     /// FicTrac's camera-to-lab rotation: the rotation vector, radians, that turns camera axes (x right, y down, z forward) into the animal's (x
     /// front, y right, z down), as `c2a_r` in FicTrac's configuration [default: a level camera behind the animal, 1.2092,1.2092,1.2092].
     #[arg(
@@ -53,19 +53,19 @@ pub struct FormatArguments {
 
 impl Asked {
     /// Whether rows are another program's.
-    pub(in crate::cli) fn is_as(&self, format: Format) -> bool {
+    pub(in crate::cli) fn is_as(&self, format: ForeignFormat) -> bool {
         self.format.format == Some(format)
     }
 
     /// Rejects a format that the flags do not fit.
     pub(super) fn check_format(&self) -> Result<()> {
         let given = &self.format;
-        let is_fictrac = self.is_as(Format::Fictrac);
+        let is_fictrac = self.is_as(ForeignFormat::Fictrac);
         if is_fictrac && self.is_several() {
             let problem = "fictrac: expected one ball, without --balls and --strobe-ms";
             return Err(Error::argument("--as", problem));
         }
-        if self.is_as(Format::Gspro) && !(self.is_golf() && self.strobe_ms.is_some()) {
+        if self.is_as(ForeignFormat::Gspro) && !(self.is_golf() && self.strobe_ms.is_some()) {
             let problem = "gspro: expected --strobe-ms and --preset golf";
             return Err(Error::argument("--as", problem));
         }
@@ -82,7 +82,7 @@ impl Asked {
 
     /// How FicTrac's rows are made, where they are asked for.
     pub(in crate::cli) fn fictrac(&self) -> Result<Option<FicTracConfig>> {
-        if !self.is_as(Format::Fictrac) {
+        if !self.is_as(ForeignFormat::Fictrac) {
             return Ok(None);
         }
         let config = FicTracConfig {
@@ -124,7 +124,7 @@ impl Asked {
 
     /// What is to be known of the rows, on standard error.
     pub(in crate::cli) fn say_format(&self) -> Result<()> {
-        let is_fictrac = self.is_as(Format::Fictrac);
+        let is_fictrac = self.is_as(ForeignFormat::Fictrac);
         if is_fictrac && self.format.c2a_r.is_empty() {
             errln!(
                 "note: lab frame: that of a level camera behind the animal (another one: --config c2a_r=X,Y,Z)"
@@ -137,7 +137,7 @@ impl Asked {
                      picture's center"
                 );
             }
-            if self.is_as(Format::Gspro) {
+            if self.is_as(ForeignFormat::Gspro) {
                 errln!(
                     "note: without --intrinsics a shot has no speed and no direction, and its ContainsBallData is false"
                 );

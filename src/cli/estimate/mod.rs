@@ -11,7 +11,7 @@ mod overlay;
 mod page;
 pub(super) mod painted;
 mod rig;
-mod verdict;
+pub(super) mod verdict;
 #[cfg(feature = "plot")]
 mod video;
 pub(super) mod written;
@@ -32,10 +32,10 @@ use crate::geometry::CameraFrame;
 use crate::image::RgbImage;
 use crate::vision::{Estimator, FrameEstimate};
 pub use arguments::Arguments;
-use arguments::Shown;
+use arguments::AskedBall;
 pub(super) use arguments::check_painted;
-pub(super) use asked::{Asked, Preset};
-use output::Report;
+pub(super) use asked::{Asked, SportPreset};
+use output::SequenceReport;
 
 /// Keeps the pictures that overlays need.
 struct Pictures {
@@ -71,7 +71,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     }
     let shown = arguments.shown(given)?;
     asked.source.settle_camera(&arguments.images, None)?;
-    if let Shown::Painted(surface) = &shown {
+    if let AskedBall::Painted(surface) = &shown {
         return painted::run(arguments, surface.as_ref());
     }
     asked.check()?;
@@ -83,7 +83,10 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     let wanted = arguments.wants_pictures();
     // What cannot be written is known before the work.
     #[cfg(feature = "plot")]
-    let overlay = arguments.overlay.as_deref().map(overlay::Target::new);
+    let overlay = arguments
+        .overlay
+        .as_deref()
+        .map(overlay::OverlayTarget::new);
     #[cfg(feature = "plot")]
     let overlay = overlay.transpose()?;
     let file = arguments.output.as_deref().map(files::OutputFile::create);
@@ -103,7 +106,7 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
     }
     let so = "every frame is estimated independently";
     inputs::say_not_increasing(&batch, &arguments.images, so);
-    let written = Written {
+    let written = WrittenClip {
         arguments,
         batch: &batch,
         #[cfg(feature = "plot")]
@@ -117,19 +120,19 @@ pub fn run(arguments: &Arguments, given: Option<&ArgMatches>) -> Result<()> {
 }
 
 /// A clip, and where what is found of it is written.
-struct Written<'a> {
+struct WrittenClip<'a> {
     arguments: &'a Arguments,
     batch: &'a Batch<Picture>,
     #[cfg(feature = "plot")]
-    overlay: Option<overlay::Target>,
+    overlay: Option<overlay::OverlayTarget>,
     file: Option<files::OutputFile>,
 }
 
-impl Written<'_> {
+impl WrittenClip<'_> {
     fn all_balls(self, estimators: &[Estimator], strobe: Option<&Strobe>) -> Result<()> {
         let (arguments, batch) = (self.arguments, self.batch);
         let asked = &arguments.asked;
-        let report = balls::Report::new(asked, batch, strobe, arguments.motion)?;
+        let report = balls::BallsReport::new(asked, batch, strobe, arguments.motion)?;
         #[cfg(feature = "plot")]
         if let Some(target) = self.overlay {
             let frame = |k: usize| report.drawn(k, estimators);
@@ -158,7 +161,7 @@ impl Written<'_> {
             smears: smears.as_ref(),
             rows: rows.as_ref(),
         };
-        let report = Report::new(arguments, frame, batch, &evidence);
+        let report = SequenceReport::new(arguments, frame, batch, &evidence);
         // Rows that another program's format refuses leave nothing written.
         let text = report.rows().text()?;
         #[cfg(feature = "plot")]

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::verdict::VerdictWords;
 use super::written::{
-    ClipRows, FoundSpin, Row, add_spin, ball_json, found_spin, say_times, spin_words,
+    ClipRows, FoundSpin, WrittenRow, add_spin, ball_json, found_spin, say_times, spin_words,
 };
 use super::{Arguments, Asked, Picture};
 use crate::clip::{Batch, BatchFrame, SequenceEvidence, SequenceOutcome};
@@ -24,19 +24,19 @@ const FIELDS_DEG: [f64; 2] = [15.0, 65.0];
 const MAX_FACTOR: f64 = 1.15;
 
 /// Everything that is reported.
-pub(super) struct Report<'a> {
+pub(super) struct SequenceReport<'a> {
     arguments: &'a Arguments,
     rows: ClipRows<'a, Picture>,
     verdict: VerdictWords<'a>,
     /// Where the frames have times.
     spin: Option<FoundSpin>,
     /// The smears that were weighed.
-    smeared: Option<Smeared>,
+    smeared: Option<ReportedSmears>,
 }
 
 /// What is reported of smears.
 #[derive(Clone, Copy)]
-struct Smeared {
+struct ReportedSmears {
     /// Number of frames used.
     frames: usize,
     /// See [`SequenceSmears::exposure_factor`](crate::clip::SequenceSmears::exposure_factor).
@@ -55,7 +55,7 @@ fn rows<'a>(
         // Of cameras that contradict each other no frame has an answer, which is said once.
         let is_said = frame.outcome == Err(FrameRejection::CamerasContradict);
         let needs_look = frame.pose().is_none() || frame.fit.is_some_and(|f| f.rivals > 0);
-        vec![Row {
+        vec![WrittenRow {
             json: frame_json(axes, frame, &row),
             note: (needs_look && !is_said).then(|| words(frame)),
             row,
@@ -95,7 +95,7 @@ pub(super) fn words(frame: &FrameEstimate) -> String {
     }
 }
 
-impl<'a> Report<'a> {
+impl<'a> SequenceReport<'a> {
     /// The report of a batch.
     pub fn new(
         arguments: &'a Arguments,
@@ -120,7 +120,7 @@ impl<'a> Report<'a> {
         });
         let rows = rows(&arguments.asked, frame, batch, file);
         let found = spin.as_ref().and_then(|spin| spin.as_ref().ok());
-        let smeared = evidence.smears.map(|smears| Smeared {
+        let smeared = evidence.smears.map(|smears| ReportedSmears {
             frames: smears.frames(),
             factor: found.and_then(|(summary, _)| smears.exposure_factor(&summary.fit.motion.spin)),
         });
@@ -190,7 +190,7 @@ impl<'a> Report<'a> {
     /// What smears have to say of the spin, where an exposure is given.
     fn smear_words(&self) -> Option<String> {
         let ms = self.arguments.exposure_ms?;
-        let Some(Smeared { frames, factor }) = self.smeared else {
+        let Some(ReportedSmears { frames, factor }) = self.smeared else {
             return Some(format!(
                 "  smears    no frame shows a dot whose blur is measured: {ms} ms of exposure settle nothing"
             ));

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::painted::Seen;
+use super::painted::SeenPaint;
 use super::video::VideoWriter;
 use super::{Picture, output};
 use crate::clip::{BatchFrame, TimeSource};
@@ -103,7 +103,7 @@ fn outline(
 /// A frame of a painted ball: its outline, of a frame with a pose as the whole clip has it, and the borders of the surface's marks by
 /// the pose.
 pub(super) fn painted(
-    frame: &BatchFrame<Seen>,
+    frame: &BatchFrame<SeenPaint>,
     pose: &std::result::Result<PaintedPose, PaintedRejection>,
     borders: &[[Vec3; 2]],
 ) -> OverlayFrame {
@@ -153,14 +153,14 @@ pub(super) fn one_ball(estimator: &Estimator, shown: &BatchFrame<Picture>) -> Ov
 }
 
 /// Where overlays go.
-pub(super) enum Target {
+pub(super) enum OverlayTarget {
     /// Every frame and a contact sheet, into a folder.
     Folder(Replacement),
     /// One video.
     Video(VideoWriter),
 }
 
-impl Target {
+impl OverlayTarget {
     /// By the path's ending; checked before the work.
     pub fn new(path: &Path) -> Result<Self> {
         if path

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::output::Report;
-use super::painted::{Drawing, Seen};
+use super::output::SequenceReport;
+use super::painted::{SeenPaint, SurfaceDrawing};
 use super::written::{ClipRows, FoundSpin, by_own_axes};
 use super::{Picture, balls, overlay};
 use crate::clip::{Batch, NamedFrame};
@@ -18,7 +18,7 @@ pub(super) fn write(
     path: &Path,
     estimator: &Estimator,
     batch: &Batch<Picture>,
-    report: &Report<'_>,
+    report: &SequenceReport<'_>,
 ) -> Result<()> {
     let ball = ShownBall {
         carries: Carried::Dots(estimator.ball()),
@@ -43,7 +43,7 @@ pub(super) fn write_balls(
     path: &Path,
     estimators: &[Estimator],
     batch: &Batch<Picture>,
-    report: &balls::Report<'_>,
+    report: &balls::BallsReport<'_>,
 ) -> Result<()> {
     let all: Vec<balls::BallRows<'_>> = report.by_number();
     let shown = all.iter().map(|ball| ShownBall {
@@ -71,9 +71,9 @@ pub(super) fn write_balls(
 /// Writes the page of a painted ball.
 pub(super) fn write_painted(
     path: &Path,
-    batch: &Batch<Seen>,
-    drawing: &Drawing<'_>,
-    rows: &ClipRows<'_, Seen>,
+    batch: &Batch<SeenPaint>,
+    drawing: &SurfaceDrawing<'_>,
+    rows: &ClipRows<'_, SeenPaint>,
     spin: Option<&FoundSpin>,
 ) -> Result<()> {
     let ball = ShownBall {

@@ -10,7 +10,7 @@ use super::overlay;
 #[cfg(feature = "plot")]
 use super::page;
 use super::written::{
-    ClipRows, FoundSpin, Row, add_orientation, add_spin, found_spin, say_times, spin_words,
+    ClipRows, FoundSpin, WrittenRow, add_orientation, add_spin, found_spin, say_times, spin_words,
 };
 use super::{Arguments, Asked, Picture, Pictures};
 use crate::ball::USUAL_BALL_MM;
@@ -45,10 +45,13 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result
         files::check_writable(path)?;
     }
     #[cfg(feature = "plot")]
-    let overlay = arguments.overlay.as_deref().map(overlay::Target::new);
+    let overlay = arguments
+        .overlay
+        .as_deref()
+        .map(overlay::OverlayTarget::new);
     #[cfg(feature = "plot")]
     let overlay = overlay.transpose()?;
-    let seeing = Seeing {
+    let seeing = PaintedSeeing {
         paint: SurfaceObserver::default(),
         pictures: Pictures {
             wanted: arguments.wants_pictures(),
@@ -61,14 +64,14 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result
     inputs::say_not_increasing(&batch, &arguments.images, "no spin");
     let clip = estimator.lay_out(batch, |seen| std::mem::take(&mut seen.paint), surface);
     say_small(clip.diameter_px);
-    let report = Report::new(arguments, &clip)?;
+    let report = PaintedReport::new(arguments, &clip)?;
     // Rows that another program's format refuses leave nothing written.
     let rows = report.rows.text()?;
     #[cfg(feature = "plot")]
     if let Some(shown) = surface.or(clip.made.as_ref())
         && arguments.wants_pictures()
     {
-        let drawing = Drawing {
+        let drawing = SurfaceDrawing {
             surface: shown,
             poses: &clip.poses,
             borders: shown.borders(),
@@ -85,13 +88,18 @@ pub(super) fn run(arguments: &Arguments, surface: Option<&SurfaceMap>) -> Result
     asked.say_format()?;
     match clip.is_answered() {
         true => Ok(()),
-        false => Err(Error::NoAnswer {
-            path: inputs::named(&arguments.images),
-            reason: match asked.table.first() {
-                None => "no frame shows the paint of another one".to_owned(),
-                Some(table) => format!("no frame shows the paint of {}", table.display()),
-            },
-        }),
+        false => Err(no_answer(arguments)),
+    }
+}
+
+/// No frame has an orientation.
+fn no_answer(arguments: &Arguments) -> Error {
+    Error::NoAnswer {
+        path: inputs::named(&arguments.images),
+        reason: match arguments.asked.table.first() {
+            None => "no frame shows the paint of another one".to_owned(),
+            Some(table) => format!("no frame shows the paint of {}", table.display()),
+        },
     }
 }
 
@@ -103,27 +111,27 @@ pub(in crate::cli) fn estimator(asked: &Asked) -> Result<PaintedEstimator> {
 
 /// What is kept of a frame: what it shows of the ball, and its picture where that is drawn.
 #[derive(Default)]
-pub(super) struct Seen {
+pub(super) struct SeenPaint {
     paint: PaintedFrame,
     #[cfg_attr(not(feature = "plot"), allow(dead_code))]
     pub picture: Picture,
 }
 
 /// Keeps it.
-struct Seeing {
+struct PaintedSeeing {
     paint: SurfaceObserver,
     pictures: Pictures,
 }
 
-impl BatchObserver for Seeing {
-    type Kept = Seen;
+impl BatchObserver for PaintedSeeing {
+    type Kept = SeenPaint;
 
-    fn keep(&self, image: &RgbImage, balls: &[BallEstimate]) -> Result<Seen> {
+    fn keep(&self, image: &RgbImage, balls: &[BallEstimate]) -> Result<SeenPaint> {
         let picture = match self.pictures.wants_images() {
             true => self.pictures.keep(image, balls)?,
             false => None,
         };
-        Ok(Seen {
+        Ok(SeenPaint {
             paint: self.paint.keep(image, balls)?,
             picture,
         })
@@ -132,7 +140,7 @@ impl BatchObserver for Seeing {
 
 /// What of the ball's surface is drawn on its frames.
 #[cfg(feature = "plot")]
-pub(super) struct Drawing<'a> {
+pub(super) struct SurfaceDrawing<'a> {
     pub surface: &'a SurfaceMap,
     pub poses: &'a PaintedPoses,
     /// Those of the surface's marks.
@@ -149,16 +157,16 @@ fn say_small(diameter_px: f64) {
 }
 
 /// What is reported.
-struct Report<'a> {
-    rows: ClipRows<'a, Seen>,
+struct PaintedReport<'a> {
+    rows: ClipRows<'a, SeenPaint>,
     /// Share of the ball that the clip shows.
     known: Option<f64>,
     /// Where all frames have times that increase.
     spin: Option<FoundSpin>,
 }
 
-impl<'a> Report<'a> {
-    fn new(arguments: &'a Arguments, clip: &'a PaintedClip<Seen>) -> Result<Self> {
+impl<'a> PaintedReport<'a> {
+    fn new(arguments: &'a Arguments, clip: &'a PaintedClip<SeenPaint>) -> Result<Self> {
         let (asked, batch) = (&arguments.asked, &clip.batch);
         let axes = asked.frame()?;
         let file = clip.orientations(axes);
@@ -184,8 +192,8 @@ impl<'a> Report<'a> {
     #[cfg(feature = "plot")]
     fn draw(
         &self,
-        drawing: &Drawing<'_>,
-        overlay: Option<overlay::Target>,
+        drawing: &SurfaceDrawing<'_>,
+        overlay: Option<overlay::OverlayTarget>,
         page: Option<&Path>,
     ) -> Result<()> {
         let batch = self.rows.batch;
@@ -227,7 +235,7 @@ pub(in crate::cli) fn of_frame(
     row: OrientationRow,
     pose: &std::result::Result<PaintedPose, PaintedRejection>,
     axes: CameraFrame,
-) -> Row {
+) -> WrittenRow {
     let mut json = json!({});
     add_orientation(&row, axes, &mut json);
     let note = pose.as_ref().err().map(ToString::to_string);
@@ -235,5 +243,5 @@ pub(in crate::cli) fn of_frame(
         (Ok(pose), _) => json["agreement"] = pose.agreement.into(),
         (Err(_), why) => json["refusal"] = why.as_deref().into(),
     }
-    Row { row, json, note }
+    WrittenRow { row, json, note }
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::output::Report;
+use super::output::SequenceReport;
 use super::{Arguments, Pictures};
 use crate::cli::images::{first_size, read_balls};
 use crate::cli::inputs::{self, Counting};
@@ -49,7 +49,7 @@ pub(super) fn run(arguments: &Arguments, path: &Path) -> Result<()> {
     let frame = asked.axes();
     let evidence = SequenceEvidence::default();
     let orientations = clip.outcome.orientations(frame);
-    let report = Report::of_rows(arguments, frame, &clip.together, &evidence, orientations);
+    let report = SequenceReport::of_rows(arguments, frame, &clip.together, &evidence, orientations);
     let text = report.rows().text()?;
     let whole = || {
         let mut json = report.to_json();

@@ -10,7 +10,7 @@ use crate::clip::verdict::Verdict;
 
 /// What all frames together say, of tables with these names.
 #[derive(Clone, Copy)]
-pub(super) struct VerdictWords<'a> {
+pub(in crate::cli) struct VerdictWords<'a> {
     judgment: &'a Judgment,
     tables: &'a [PathBuf],
 }

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use super::Asked;
 use super::verdict::VerdictWords;
-use crate::cli::motion::Motion;
+use crate::cli::motion::ObservedMotion;
 use crate::cli::{inputs, spin_summary};
 use crate::clip::{Batch, NamedFrame, SequenceEvidence, TimeSource, orientations};
 use crate::files::csv::shown;
@@ -21,7 +21,7 @@ use crate::vision::optics::camera::BallCircle;
 use crate::vision::{FrameEstimate, Pose};
 
 /// The spin of a sequence and its motion, or why there is none.
-pub(super) type FoundSpin = Result<(SpinSummary, Motion), SpinRejection>;
+pub(super) type FoundSpin = Result<(SpinSummary, ObservedMotion), SpinRejection>;
 
 /// The spin, from the very orientations that are written: without other evidence `spindoe spin` on the file gives the same.
 pub(super) fn found_spin(
@@ -39,7 +39,8 @@ pub(super) fn found_spin(
         None => SpinEstimate::fit(&measurements, model, &config),
     };
     let frames = file.rows.len();
-    let (summary, motion) = Motion::new(estimate?, model, &measurements, None, &listed, frames);
+    let (summary, motion) =
+        ObservedMotion::new(estimate?, model, &measurements, None, &listed, frames);
     let summary = match &together {
         Some(all) => summary.weighed(all, &listed),
         None => summary,
@@ -131,7 +132,7 @@ fn add_pose(pose: &Pose, json: &mut Value) {
 }
 
 /// A ball of a frame: its row, the same as JSON, and what is to be said of it.
-pub(in crate::cli) struct Row {
+pub(in crate::cli) struct WrittenRow {
     pub row: OrientationRow,
     pub json: Value,
     /// Why the frame is to be named among those that need a look.
@@ -145,7 +146,7 @@ pub(super) struct ClipRows<'a, K> {
     pub axes: CameraFrame,
     pub batch: &'a Batch<K>,
     /// For each frame its balls.
-    pub frames: Vec<Vec<Row>>,
+    pub frames: Vec<Vec<WrittenRow>>,
     /// What is written of several balls. Where there is one, its values in JSON are those of the frame.
     pub columns: BallColumns,
 }

@@ -27,7 +27,7 @@ pub(super) struct Outputs<'a> {
     pub(super) arguments: &'a Arguments,
     pub(super) file: Option<OrientationWriter<BufWriter<OutputFile>>>,
     pub(super) stdout: Stdout,
-    pub(super) tally: Tally,
+    pub(super) tally: OutcomeTally,
     /// What was learned of the conditions.
     pub(super) learned: Option<LearnedView>,
     /// Where the answers do not stand on the terminal themselves.
@@ -66,7 +66,7 @@ impl<'a> Outputs<'a> {
             } else {
                 Stdout::Nothing
             },
-            tally: Tally::default(),
+            tally: OutcomeTally::default(),
             learned: None,
             counter: arguments
                 .output
@@ -166,7 +166,7 @@ impl JsonFrames {
     pub(super) fn print(
         mut self,
         recognizer: RecognizerName,
-        tally: &Tally,
+        tally: &OutcomeTally,
         learned: Option<&LearnedView>,
     ) -> Result<()> {
         let identified = tally.identified;
@@ -282,7 +282,7 @@ pub(super) fn to_json(answer: &FrameAnswer) -> serde_json::Value {
 
 /// Counts of the frames' outcomes.
 #[derive(Default)]
-pub(super) struct Tally {
+pub(super) struct OutcomeTally {
     pub(super) frames: u64,
     pub(super) identified: u64,
     pub(super) tied: u64,
@@ -294,7 +294,7 @@ pub(super) struct Tally {
     pub(super) first_rejected: Option<(String, RecognizerRejection)>,
 }
 
-impl Tally {
+impl OutcomeTally {
     pub(super) fn count(&mut self, answer: &FrameAnswer, is_doubtful: bool) {
         self.frames += 1;
         self.numbered += u64::from(answer.frame.is_numbered);

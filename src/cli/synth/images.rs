@@ -16,7 +16,7 @@ use crate::geometry::Vec3;
 use crate::pattern::Pattern;
 use crate::spin::DEFAULT_FPS;
 use crate::synth::SynthConfig;
-use crate::synth::dataset::{ClipConfig, Sequence, independent_frame, strobed_frame};
+use crate::synth::dataset::{ClipConfig, SynthSequence, independent_frame, strobed_frame};
 use crate::synth::folder::{self, Masks, Origin, Written};
 use crate::synth::several::StrobeConfig;
 
@@ -31,7 +31,7 @@ const SAMPLE_EXPOSURE_S: f64 = 2e-4;
 
 /// The base of the ranges of random frames.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Preset {
+pub(super) enum ImagePreset {
     /// Any camera, light, background, motion and noise.
     All,
     /// A ball of 60 pixels, sharp, well lit, in full view.
@@ -44,7 +44,7 @@ pub(super) enum Preset {
     File(PathBuf),
 }
 
-impl std::str::FromStr for Preset {
+impl std::str::FromStr for ImagePreset {
     type Err = Infallible;
 
     fn from_str(text: &str) -> std::result::Result<Self, Infallible> {
@@ -58,7 +58,7 @@ impl std::str::FromStr for Preset {
     }
 }
 
-impl Preset {
+impl ImagePreset {
     fn config(&self) -> Result<SynthConfig> {
         Ok(match self {
             Self::All => SynthConfig::default(),
@@ -164,18 +164,18 @@ impl Arguments {
         };
         let mut strobe = StrobeConfig::new(flashes.times_s.clone());
         strobe.overlap = self.overlap.unwrap_or(strobe.overlap);
-        if self.preset() == Preset::Golf && self.rps.is_none() {
+        if self.preset() == ImagePreset::Golf && self.rps.is_none() {
             strobe = strobe.with_golf_spin();
         }
         strobe.check()?;
         Ok(Some(strobe))
     }
 
-    fn preset(&self) -> Preset {
+    fn preset(&self) -> ImagePreset {
         let usual = match (self.is_clip(), self.strobe_ms.is_some()) {
-            (true, _) => Preset::Sample,
-            (false, false) => Preset::All,
-            (false, true) => Preset::Golf,
+            (true, _) => ImagePreset::Sample,
+            (false, false) => ImagePreset::All,
+            (false, true) => ImagePreset::Golf,
         };
         self.preset.clone().unwrap_or(usual)
     }
@@ -184,7 +184,7 @@ impl Arguments {
         let preset = self.preset();
         let mut config = preset.config()?;
         // A file states its own sizes.
-        let is_file = matches!(preset, Preset::File(_));
+        let is_file = matches!(preset, ImagePreset::File(_));
         let designed = ball.design().filter(|_| !is_file);
         self.ranges.apply(&mut config, designed)?;
         config.kind = self.kind.unwrap_or(config.kind);
@@ -206,7 +206,7 @@ impl Arguments {
             let problem = "expected one number where --axis is given";
             return Err(Error::argument("rps", problem));
         }
-        let usual = (self.preset() == Preset::Sample).then_some(SAMPLE_EXPOSURE_S);
+        let usual = (self.preset() == ImagePreset::Sample).then_some(SAMPLE_EXPOSURE_S);
         Ok(Some(ClipConfig {
             fps: self.fps.unwrap_or(DEFAULT_FPS),
             spin: axis.map(|axis| (axis * (low * std::f64::consts::TAU)).into()),
@@ -258,11 +258,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<()> {
     let usual = if arguments.is_clip() { 24 } else { 100 };
     let frames = arguments.frame_count(usual)?;
     let sequence = clip.as_ref().map(|clip| match others.is_empty() {
-        true => Sequence::random(pattern, &config, clip, seed, frames),
+        true => SynthSequence::random(pattern, &config, clip, seed, frames),
         false => {
             let all = std::iter::once(&ball).chain(&others);
             let all: Vec<Pattern> = all.map(|b| b.pattern().clone()).collect();
-            Sequence::of_balls(&all, &config, clip, seed, frames)
+            SynthSequence::of_balls(&all, &config, clip, seed, frames)
         }
     });
     let sequence = sequence.transpose()?;

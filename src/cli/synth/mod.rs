@@ -71,7 +71,7 @@ pub struct Arguments {
     /// sample, exposures with --strobe-ms golf].
     #[cfg(feature = "vision")]
     #[arg(long, value_name = "all|good|sample|golf|FILE.json")]
-    preset: Option<images::Preset>,
+    preset: Option<images::ImagePreset>,
     /// Content of the frames: the pattern's ball, or an object without the pattern [default: dotted].
     #[cfg(feature = "vision")]
     #[arg(hide = true, long, value_parser = one_of(&SynthKind::ALL, SynthKind::as_str))]

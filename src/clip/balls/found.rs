@@ -6,7 +6,7 @@ use crate::vision::optics::camera::BallCircle;
 use crate::vision::outline::circle::{BallFit, WHOLE, is_one_place};
 
 /// What was found so far.
-pub(crate) struct Found {
+pub(crate) struct FoundBalls {
     /// Balls with a pose.
     pub balls: Vec<BallEstimate>,
     /// Those without.
@@ -15,7 +15,7 @@ pub(crate) struct Found {
     pub limit: usize,
 }
 
-impl Found {
+impl FoundBalls {
     pub fn is_full(&self) -> bool {
         self.balls.len() >= self.limit
     }

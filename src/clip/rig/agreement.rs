@@ -17,8 +17,8 @@
 
 use std::f64::consts::TAU;
 
-use super::fuse::{Reading, Widening, fuse};
-use super::pairs::{Group, Track, by_time, reach_s, step_s};
+use super::fuse::{CameraReading, Widening, fuse};
+use super::pairs::{CameraTrack, Group, by_time, reach_s, step_s};
 use crate::geometry::{Rotation, Vec3, toward_mean};
 use crate::stats::median;
 
@@ -212,8 +212,8 @@ fn common(differences: &[(Rotation, f64)], turned_rad: f64) -> Option<Common> {
 }
 
 /// By how much each orientation of `other` is turned against `first`, with the variance about an axis.
-fn differences(first: &Track, other: &Track) -> Vec<(Rotation, f64)> {
-    let variance = |reading: &Reading| reading.block(0, 0).trace() / 3.0;
+fn differences(first: &CameraTrack, other: &CameraTrack) -> Vec<(Rotation, f64)> {
+    let variance = |reading: &CameraReading| reading.block(0, 0).trace() / 3.0;
     if let (Some(fit), Some([from, to])) = (&first.fit, first.span_s()) {
         let sigma = fit.sigma_rad.unwrap_or(0.0) / (fit.inliers.max(1) as f64).sqrt();
         let step = step_s(&first.times_s());
@@ -238,7 +238,7 @@ fn differences(first: &Track, other: &Track) -> Vec<(Rotation, f64)> {
 }
 
 /// Frames of both, of one time.
-fn paired(first: &Track, other: &Track) -> Vec<Group> {
+fn paired(first: &CameraTrack, other: &CameraTrack) -> Vec<Group> {
     let times = [first.times_s(), other.times_s()];
     let reach = reach_s(step_s(&times[0]), first.fit.is_some());
     by_time(&times, reach)
@@ -247,9 +247,9 @@ fn paired(first: &Track, other: &Track) -> Vec<Group> {
 /// What both say at one time, each with its own.
 fn members<'a>(
     group: &Group,
-    first: &'a Track,
-    other: &'a Track,
-) -> Option<[&'a (f64, Reading); 2]> {
+    first: &'a CameraTrack,
+    other: &'a CameraTrack,
+) -> Option<[&'a (f64, CameraReading); 2]> {
     let [Some(a), Some(b)] = group.members[..] else {
         return None;
     };
@@ -267,7 +267,7 @@ struct Apart {
     distance_m: f64,
 }
 
-fn apart(first: &Track, other: &Track, delay_s: f64) -> Option<Apart> {
+fn apart(first: &CameraTrack, other: &CameraTrack, delay_s: f64) -> Option<Apart> {
     let gaps = other.readings.iter().filter_map(|(t, reading)| {
         let place = first.place(t + delay_s)?;
         let own = reading.center_m?;
@@ -295,8 +295,13 @@ fn apart(first: &Track, other: &Track, delay_s: f64) -> Option<Apart> {
 }
 
 /// The delay of a camera's clock, of those that the orientations leave open the one by which positions meet.
-fn delay_by_places(first: &Track, other: &Track, delay_s: f64, turn_s: f64) -> (f64, bool) {
-    let span = |track: &Track| track.span_s().map_or(0.0, |[from, to]| to - from);
+fn delay_by_places(
+    first: &CameraTrack,
+    other: &CameraTrack,
+    delay_s: f64,
+    turn_s: f64,
+) -> (f64, bool) {
+    let span = |track: &CameraTrack| track.span_s().map_or(0.0, |[from, to]| to - from);
     let reach = span(first).max(span(other));
     let most = ((reach / turn_s) as i64).min(MAX_TURNS);
     let mut tried: Vec<(f64, Option<f64>)> = (-most..=most)
@@ -356,7 +361,7 @@ struct Clocks {
 }
 
 impl Clocks {
-    fn of(first: &Track, other: &Track, found: &Common) -> Self {
+    fn of(first: &CameraTrack, other: &CameraTrack, found: &Common) -> Self {
         let same = |clock| Self {
             rest: found.rotation,
             delay_s: 0.0,
@@ -388,7 +393,7 @@ impl Clocks {
 }
 
 /// How a camera agrees with the first one, by what each saw in the rig's frame; `None` where too little was seen by both.
-pub(super) fn compare(first: &Track, other: &Track) -> Option<Compared> {
+pub(super) fn compare(first: &CameraTrack, other: &CameraTrack) -> Option<Compared> {
     let turned_rad = match (&first.fit, first.span_s()) {
         (Some(fit), Some([from, to])) => fit.motion.spin.norm() * (to - from),
         _ => 0.0,
@@ -434,7 +439,7 @@ pub(super) fn compare(first: &Track, other: &Track) -> Option<Compared> {
 }
 
 /// How much larger the differences of rotations and of centers are than stated: by their medians, which wrong frames do not move.
-fn factors(first: &Track, other: &Track, widening: &Widening) -> [f64; 2] {
+fn factors(first: &CameraTrack, other: &CameraTrack, widening: &Widening) -> [f64; 2] {
     let groups = paired(first, other);
     let mut of_turns = Vec::new();
     let mut of_centers = Vec::new();
@@ -447,7 +452,7 @@ fn factors(first: &Track, other: &Track, widening: &Widening) -> [f64; 2] {
             factors: [1.0; 2],
             ..*widening
         });
-        let turn_alone = |r: &Reading| Reading {
+        let turn_alone = |r: &CameraReading| CameraReading {
             center_m: None,
             ..*r
         };
@@ -481,7 +486,7 @@ mod tests {
     const SIGMA_M: f64 = 5e-4;
 
     /// What a camera sees of a ball that turns and flies, by its own clock `late_s` behind, with its place wrong by `turn`.
-    fn track(seed: u64, late_s: f64, turn: Vec3, velocity: Vec3, spin: Vec3) -> Track {
+    fn track(seed: u64, late_s: f64, turn: Vec3, velocity: Vec3, spin: Vec3) -> CameraTrack {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut normal =
             |sigma: f64| Vec3::from_fn(|_, _| sigma * rng.sample::<f64, _>(StandardNormal));
@@ -496,7 +501,7 @@ mod tests {
             let time_s = k as f64 / 350.0;
             let noise = Rotation::from_scaled_axis(normal(SIGMA_RAD));
             let center = Vec3::new(0.1, 0.0, -1.0) + velocity * time_s;
-            let reading = Reading {
+            let reading = CameraReading {
                 rotation: Some(noise * error * motion.at(time_s)),
                 center_m: Some(error * (center + normal(SIGMA_M))),
                 covariance: Matrix6::from_diagonal(&covariance),
@@ -517,7 +522,7 @@ mod tests {
             inliers: 40,
             lack_of_fit: None,
         };
-        Track {
+        CameraTrack {
             readings: readings.collect(),
             fit: Some(fit),
         }

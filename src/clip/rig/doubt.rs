@@ -1,8 +1,8 @@
 //! What is wrong with the cameras of a rig as a whole, in a line each.
 
 use super::agreement::{Compared, Discord, compare};
-use super::fuse::Reading;
-use super::pairs::Track;
+use super::fuse::CameraReading;
+use super::pairs::CameraTrack;
 use super::{Assembly, CameraClip};
 use crate::vision::estimator::Estimator;
 use crate::vision::frame::config::CameraModel;
@@ -175,7 +175,7 @@ fn fits_exchanged(rig: &Assembly<'_>, clips: &[CameraClip<'_>], a: usize, b: usi
         k if k == b => a,
         k => k,
     };
-    let tracks: Vec<Track> = (0..clips.len())
+    let tracks: Vec<CameraTrack> = (0..clips.len())
         .map(|camera| {
             exchanged(
                 rig,
@@ -192,14 +192,22 @@ fn fits_exchanged(rig: &Assembly<'_>, clips: &[CameraClip<'_>], a: usize, b: usi
 }
 
 /// A clip as if another camera had taken it.
-fn exchanged(rig: &Assembly<'_>, clip: &CameraClip<'_>, by: &Estimator, camera: usize) -> Track {
+fn exchanged(
+    rig: &Assembly<'_>,
+    clip: &CameraClip<'_>,
+    by: &Estimator,
+    camera: usize,
+) -> CameraTrack {
     let to_rig = rig.rig.cameras()[camera].to_rig();
     let timed = clip.times_s.iter().flatten().zip(&clip.frames);
     let readings = timed.filter_map(|(time_s, frame)| {
         let seen = by_camera(frame, clip.estimator, by)?;
-        Some((*time_s + rig.delays_s[camera], Reading::of(&seen, &to_rig)?))
+        Some((
+            *time_s + rig.delays_s[camera],
+            CameraReading::of(&seen, &to_rig)?,
+        ))
     });
-    let readings: Vec<(f64, Reading)> = readings.collect();
+    let readings: Vec<(f64, CameraReading)> = readings.collect();
     let measured = readings.iter().filter_map(|(time_s, reading)| {
         Some(crate::spin::Measurement {
             confidence: reading.confidence,
@@ -211,7 +219,7 @@ fn exchanged(rig: &Assembly<'_>, clip: &CameraClip<'_>, by: &Estimator, camera: 
     let fit = crate::spin::robust::RobustEstimator::new(spin)
         .fit(&measured)
         .ok();
-    Track { readings, fit }
+    CameraTrack { readings, fit }
 }
 
 /// A frame's pose and place as the intrinsics of another camera have them.

@@ -27,7 +27,7 @@ const Z999: f64 = 3.090_232;
 
 /// What one camera says of a ball, in the rig's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Reading {
+pub(super) struct CameraReading {
     pub rotation: Option<Rotation>,
     pub center_m: Option<Vec3>,
     /// Of the rotation vector and the center; zeros for what is not known.
@@ -57,7 +57,7 @@ impl Default for Widening {
     }
 }
 
-impl Reading {
+impl CameraReading {
     /// That of an estimate of a camera from whose frame `to_rig` leads; `None` where it knows nothing.
     pub fn of(estimate: &FrameEstimate, to_rig: &Extrinsics) -> Option<Self> {
         let position = estimate.position().map(|p| to_rig.place(&p));
@@ -163,7 +163,7 @@ impl Reading {
 /// Readings as one, and how well they agree.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Fused {
-    pub reading: Reading,
+    pub reading: CameraReading,
     pub chi2: f64,
     /// Degrees of freedom.
     pub freedom: usize,
@@ -185,11 +185,12 @@ pub(super) fn quantile_999(freedom: usize) -> f64 {
 }
 
 /// One measurement of several; `None` of none, or where a covariance has no inverse. The confidence is that of the surest.
-pub(super) fn fuse(readings: &[Reading]) -> Option<Fused> {
-    let first = |f: fn(&Reading) -> bool| readings.iter().find(|r| f(r));
+pub(super) fn fuse(readings: &[CameraReading]) -> Option<Fused> {
+    let first = |f: fn(&CameraReading) -> bool| readings.iter().find(|r| f(r));
     let mut rotation = first(|r| r.rotation.is_some()).and_then(|r| r.rotation);
     let mut center_m = first(|r| r.center_m.is_some()).and_then(|r| r.center_m);
-    let informed: Option<Vec<Matrix6<f64>>> = readings.iter().map(Reading::information).collect();
+    let informed: Option<Vec<Matrix6<f64>>> =
+        readings.iter().map(CameraReading::information).collect();
     let informed = informed.filter(|all| !all.is_empty())?;
     let mut sum: Matrix6<f64> = informed.iter().sum();
     // What nobody knows stays where it is.
@@ -221,8 +222,8 @@ pub(super) fn fuse(readings: &[Reading]) -> Option<Fused> {
             off.dot(&(information * off))
         });
     let known = 3 * (usize::from(rotation.is_some()) + usize::from(center_m.is_some()));
-    let said: usize = readings.iter().map(Reading::count).sum();
-    let mut reading = Reading {
+    let said: usize = readings.iter().map(CameraReading::count).sum();
+    let mut reading = CameraReading {
         rotation,
         center_m,
         covariance: 0.5 * (covariance + covariance.transpose()),
@@ -243,14 +244,14 @@ pub(super) fn fuse(readings: &[Reading]) -> Option<Fused> {
 }
 
 /// The probability that a wrong rotation, which may be any, agrees with another one by accident.
-pub(super) fn chance(readings: &[Reading]) -> f64 {
+pub(super) fn chance(readings: &[CameraReading]) -> f64 {
     let sum: Matrix3<f64> = readings.iter().map(|r| r.block(0, 0)).sum();
     let ball = 4.0 / 3.0 * std::f64::consts::PI * quantile_999(3).powf(1.5);
     (ball * sum.determinant().max(0.0).sqrt() / ROTATIONS).min(1.0)
 }
 
 /// A pose of a rig, of what the surest of its cameras found.
-pub(super) fn pose_of(reading: &Reading, surest: &Pose, confidence: f64) -> Option<Pose> {
+pub(super) fn pose_of(reading: &CameraReading, surest: &Pose, confidence: f64) -> Option<Pose> {
     Some(Pose {
         rotation: reading.rotation?,
         covariance: reading.block(0, 0),
@@ -274,7 +275,7 @@ pub(super) struct Drift {
     pub velocity_variance: f64,
 }
 
-impl Reading {
+impl CameraReading {
     /// The same `by_s` later.
     #[must_use]
     pub fn moved(mut self, by_s: f64, drift: &Drift) -> Self {
@@ -314,10 +315,10 @@ mod tests {
         center_m: &Vec3,
         root: &Matrix6<f64>,
         rng: &mut impl Rng,
-    ) -> Reading {
+    ) -> CameraReading {
         let error = root * normal(rng);
         let turn = Rotation::from_scaled_axis(error.fixed_rows::<3>(0).into_owned());
-        Reading {
+        CameraReading {
             rotation: Some(turn * rotation),
             center_m: Some(center_m + error.fixed_rows::<3>(3).into_owned()),
             covariance: root * root.transpose(),
@@ -375,7 +376,7 @@ mod tests {
         let alone = [0, 1].map(|k| {
             let covariance = normal(&cameras[k]).try_inverse().expect("dots enough");
             let off = covariance * cameras[k].transpose() * errors[k];
-            Reading {
+            CameraReading {
                 rotation: Some(
                     Rotation::from_scaled_axis(off.fixed_rows::<3>(0).into_owned()) * rotation,
                 ),

@@ -25,8 +25,8 @@ mod pairs;
 mod retry;
 
 use self::agreement::{Compared, compare};
-use self::fuse::{Fused, Reading, Widening, chance, fuse, pose_of};
-use self::pairs::{Group, Track, by_number, by_time, reach_s, step_s};
+use self::fuse::{CameraReading, Fused, Widening, chance, fuse, pose_of};
+use self::pairs::{CameraTrack, Group, by_number, by_time, reach_s, step_s};
 use super::sequence::{ImageResults, ImageWork, SequenceConfig, TRUSTED, estimate_spin};
 use crate::error::{Error, Result};
 use crate::geometry::CameraFrame;
@@ -143,7 +143,7 @@ struct Joined {
     fusion: Fusion,
     /// Who agrees, by their numbers.
     used: Vec<usize>,
-    reading: Option<Reading>,
+    reading: Option<CameraReading>,
     confidence: f64,
 }
 
@@ -213,7 +213,7 @@ struct Assembly<'a> {
     /// Whose frames count: not those of a mirrored camera or of another ball.
     counts: Vec<bool>,
     /// Of each camera, by the first one's clock, in order of all its frames that say anything.
-    tracks: Vec<Track>,
+    tracks: Vec<CameraTrack>,
     /// What is added to a camera's times.
     delays_s: Vec<f64>,
     widenings: Vec<Widening>,
@@ -224,7 +224,7 @@ struct Assembly<'a> {
 
 impl Joined {
     /// No orientation.
-    fn without(fusion: Fusion, reading: Option<Reading>) -> Self {
+    fn without(fusion: Fusion, reading: Option<CameraReading>) -> Self {
         Self {
             fusion,
             used: Vec::new(),
@@ -287,12 +287,12 @@ impl<'a> Assembly<'a> {
     }
 
     /// What a camera's frame says in the rig's frame.
-    fn reading(&self, camera: usize, estimate: &FrameEstimate) -> Option<Reading> {
+    fn reading(&self, camera: usize, estimate: &FrameEstimate) -> Option<CameraReading> {
         let to_rig = self.rig.cameras()[camera].to_rig();
-        Reading::of(estimate, &to_rig).filter(|_| self.counts[camera])
+        CameraReading::of(estimate, &to_rig).filter(|_| self.counts[camera])
     }
 
-    fn tracks_of(&self, clips: &[CameraClip<'_>]) -> Vec<Track> {
+    fn tracks_of(&self, clips: &[CameraClip<'_>]) -> Vec<CameraTrack> {
         let track = |(k, clip): (usize, &CameraClip<'_>)| {
             let timed = clip.times_s.iter().flatten().zip(&clip.frames);
             let posed = timed.filter_map(|(t, frame)| {
@@ -301,7 +301,7 @@ impl<'a> Assembly<'a> {
             });
             let fit = self.spin_of(k, clip);
             let readings = posed.collect();
-            let mut track = Track { readings, fit };
+            let mut track = CameraTrack { readings, fit };
             track.delay(self.delays_s[k]);
             track
         };
@@ -332,13 +332,13 @@ impl<'a> Assembly<'a> {
     }
 
     /// Whose spin the ball is moved by: that of the most frames.
-    fn motion(&self) -> Option<&Track> {
+    fn motion(&self) -> Option<&CameraTrack> {
         let known = self.tracks.iter().filter(|track| track.fit.is_some());
         known.max_by_key(|track| track.fit.map_or(0, |fit| fit.inliers))
     }
 
     /// What each camera says at the time of a group, by their numbers.
-    fn readings(&self, group: &Group, clips: &[CameraClip<'_>]) -> Vec<(usize, Reading)> {
+    fn readings(&self, group: &Group, clips: &[CameraClip<'_>]) -> Vec<(usize, CameraReading)> {
         let members = group.members.iter().enumerate();
         let reading = |(k, frame): (usize, &Option<usize>)| {
             let (frame, clip) = ((*frame)?, &clips[k]);
@@ -357,12 +357,12 @@ impl<'a> Assembly<'a> {
     }
 
     /// What the readings of one time are together.
-    fn join(&self, readings: &[(usize, Reading)]) -> Joined {
+    fn join(&self, readings: &[(usize, CameraReading)]) -> Joined {
         let posed = readings.iter().filter(|(_, r)| r.rotation.is_some());
-        let mut agreeing: Vec<(usize, Reading)> = posed.copied().collect();
-        let mut others: Vec<Reading> = Vec::new();
+        let mut agreeing: Vec<(usize, CameraReading)> = posed.copied().collect();
+        let mut others: Vec<CameraReading> = Vec::new();
         let fused_of =
-            |of: &[(usize, Reading)]| fuse(&of.iter().map(|(_, r)| *r).collect::<Vec<_>>());
+            |of: &[(usize, CameraReading)]| fuse(&of.iter().map(|(_, r)| *r).collect::<Vec<_>>());
         let Some(all) = fused_of(&agreeing) else {
             return self.centers(readings);
         };
@@ -409,8 +409,8 @@ impl<'a> Assembly<'a> {
     }
 
     /// The center of readings without an orientation: of outlines that agree, or of the only one.
-    fn centers(&self, readings: &[(usize, Reading)]) -> Joined {
-        let all: Vec<Reading> = readings.iter().map(|(_, r)| *r).collect();
+    fn centers(&self, readings: &[(usize, CameraReading)]) -> Joined {
+        let all: Vec<CameraReading> = readings.iter().map(|(_, r)| *r).collect();
         let fused = fuse(&all).filter(Fused::agrees);
         Joined::without(Fusion::Unanswered, fused.map(|fused| fused.reading))
     }
@@ -473,11 +473,11 @@ impl<'a> Assembly<'a> {
 }
 
 /// A pose with the centers of outlines whose dots are not named, as far as they agree with it: what is round may be another thing.
-fn with_centers(fused: Fused, outlines: impl Iterator<Item = Reading>) -> Reading {
+fn with_centers(fused: Fused, outlines: impl Iterator<Item = CameraReading>) -> CameraReading {
     let mut reading = fused.reading;
     for outline in outlines {
         let both = fuse(&[reading, outline]).filter(Fused::agrees);
-        reading = both.map_or(reading, |both| Reading {
+        reading = both.map_or(reading, |both| CameraReading {
             confidence: reading.confidence,
             hinted: reading.hinted,
             ..both.reading
@@ -488,7 +488,7 @@ fn with_centers(fused: Fused, outlines: impl Iterator<Item = Reading>) -> Readin
 
 /// The probability of an orientation, by those that agree with it and those that do not. What a hint decided is no answer of its
 /// own.
-fn confidence(agreeing: &[(usize, Reading)], others: &[Reading]) -> f64 {
+fn confidence(agreeing: &[(usize, CameraReading)], others: &[CameraReading]) -> f64 {
     let own = agreeing.iter().filter(|(_, r)| !r.hinted);
     let mut free: Vec<f64> = own.map(|(_, r)| r.confidence).collect();
     if free.is_empty() {
@@ -501,7 +501,7 @@ fn confidence(agreeing: &[(usize, Reading)], others: &[Reading]) -> f64 {
     }
     let others = others.iter().filter(|r| !r.hinted);
     let others: Vec<f64> = others.map(|r| r.confidence).collect();
-    let readings: Vec<Reading> = agreeing.iter().map(|(_, r)| *r).collect();
+    let readings: Vec<CameraReading> = agreeing.iter().map(|(_, r)| *r).collect();
     consensus(&free, &others, chance(&readings)).min(SUREST)
 }
 

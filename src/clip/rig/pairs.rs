@@ -1,6 +1,6 @@
 //! Which frames of several cameras are of one time, and how the ball moves between times that are not quite the same.
 
-use super::fuse::{Drift, Reading};
+use super::fuse::{CameraReading, Drift};
 use crate::geometry::Vec3;
 use crate::spin::Fit;
 use crate::stats::median;
@@ -91,14 +91,14 @@ pub(super) fn reach_s(step_s: f64, is_motion_known: bool) -> f64 {
 
 /// What one camera says of the ball over time, in the rig's frame and by its clock.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Track {
+pub(super) struct CameraTrack {
     /// Ascending in time.
-    pub readings: Vec<(f64, Reading)>,
+    pub readings: Vec<(f64, CameraReading)>,
     /// The spin of its frames, in the rig's frame and by its clock, where they have one.
     pub fit: Option<Fit>,
 }
 
-impl Track {
+impl CameraTrack {
     /// Adds to all times.
     pub fn delay(&mut self, by_s: f64) {
         self.readings.iter_mut().for_each(|(t, _)| *t += by_s);
@@ -118,9 +118,10 @@ impl Track {
 
     /// Where the ball is at a time and how fast it moves, with the variance of either along an axis, by a straight line through the
     /// readings nearest in time; `None` farther from them than their step.
-    pub fn place(&self, time_s: f64) -> Option<Place> {
-        let seen =
-            |(t, reading): &(f64, Reading)| Some((*t, reading.center_m?, reading.block(3, 3)));
+    pub fn place(&self, time_s: f64) -> Option<PlacedBall> {
+        let seen = |(t, reading): &(f64, CameraReading)| {
+            Some((*t, reading.center_m?, reading.block(3, 3)))
+        };
         let after = self.readings.partition_point(|(t, _)| *t < time_s);
         let from = after.saturating_sub(AROUND);
         let around = &self.readings[from..(after + AROUND).min(self.readings.len())];
@@ -140,7 +141,7 @@ impl Track {
             true => (products / square, variance / square),
             false => (Vec3::zeros(), f64::INFINITY),
         };
-        Some(Place {
+        Some(PlacedBall {
             center_m: mean + velocity * (time_s - mean_s),
             variance: variance / n + velocity_variance.min(1e6) * (time_s - mean_s).powi(2),
             velocity_m_s: velocity,
@@ -165,7 +166,7 @@ impl Track {
 
 /// A ball's place.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub(super) struct PlacedBall {
     pub center_m: Vec3,
     /// Along each axis, m^2.
     pub variance: f64,

@@ -5,7 +5,7 @@
 
 use nalgebra::Matrix3;
 
-use super::fuse::{Reading, quantile_999};
+use super::fuse::{CameraReading, quantile_999};
 use super::{Assembly, CameraClip};
 use crate::clip::sequence::{FrameInDoubt, ImageResults, ImageWork, TRUSTED};
 use crate::image::ImageView;
@@ -82,8 +82,8 @@ fn in_doubt(rig: &Assembly<'_>, clips: &[CameraClip<'_>]) -> Vec<Vec<FrameInDoub
 /// Whether a camera's frame has no pose, or one that contradicts a surer one.
 fn is_in_doubt(
     estimate: &FrameEstimate,
-    surest: &Reading,
-    readings: &[(usize, Reading)],
+    surest: &CameraReading,
+    readings: &[(usize, CameraReading)],
     camera: usize,
 ) -> bool {
     if estimate.outcome == Err(FrameRejection::Unreadable) {
@@ -105,7 +105,7 @@ fn prior(
     rig: &Assembly<'_>,
     clips: &[CameraClip<'_>],
     camera: usize,
-    by: &Reading,
+    by: &CameraReading,
 ) -> Option<Prior> {
     let from_rig = rig.rig.cameras()[camera].extrinsics.in_camera_axes();
     let estimator = clips[camera].estimator;

@@ -24,7 +24,7 @@ use argmin::solver::linesearch::MoreThuenteLineSearch;
 use argmin::solver::quasinewton::LBFGS;
 
 use super::{Cost, Demand, Descent, FIRST_MOVE, Point, flat, from_argmin, vectors};
-use crate::design::constraints::Row;
+use crate::design::constraints::ConstraintRow;
 use crate::error::Result;
 use crate::geometry::{Spherical, Vec3};
 
@@ -111,9 +111,9 @@ struct Multipliers {
 
 impl Multipliers {
     /// The constraints that count at `x`, each with `max(0, l + w g)`: of those with one number, the most violated.
-    fn active<C: Cost>(&self, demand: &Demand<'_, C>, x: &[Vec3]) -> Vec<(Row, f64)> {
+    fn active<C: Cost>(&self, demand: &Demand<'_, C>, x: &[Vec3]) -> Vec<(ConstraintRow, f64)> {
         let largest = self.of.iter().copied().fold(0.0, f64::max);
-        let mut rows: Vec<(Row, f64)> = Vec::new();
+        let mut rows: Vec<(ConstraintRow, f64)> = Vec::new();
         demand
             .constraints
             .rows(x, 0.5 * largest / self.weight, &mut |row| {

@@ -30,7 +30,7 @@ use clarabel::solver::{
 use nalgebra::{DMatrix, DVector};
 
 use super::{Cost, Demand, Descent, FIRST_MOVE, Point, RHO, flat, from_argmin, vectors};
-use crate::design::constraints::{Constraints, Row};
+use crate::design::constraints::{ConstraintRow, Constraints};
 use crate::error::Result;
 use crate::geometry::{Vec3, tangent_frame};
 
@@ -219,7 +219,7 @@ impl Program {
     fn new(
         quadratic: &DMatrix<f64>,
         linear: &DVector<f64>,
-        rows: &[Row],
+        rows: &[ConstraintRow],
         frames: &[[Vec3; 2]],
         radius: f64,
     ) -> Self {

@@ -71,7 +71,7 @@ pub struct Answers {
 
 /// A side of the ball.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Side {
+pub struct BallSide {
     /// The direction from which it is seen, pattern frame.
     pub direction: [f64; 3],
     /// The dots nearest to it, the nearest first.
@@ -92,7 +92,7 @@ pub struct DotSet {
     /// Dots that are taken for others in a large part of the views that are not right.
     pub lookalikes: Vec<Lookalike>,
     /// The side from which it is seen worst, where that is clearly worse than the others.
-    pub weak_side: Option<Side>,
+    pub weak_side: Option<BallSide>,
     /// The best place for one more dot; none where there is no room, or nothing to gain.
     pub next_dot: Option<NextDot>,
 }
@@ -185,7 +185,7 @@ impl DotSet {
 }
 
 /// The side with the lowest share of right views, where it is clearly low.
-fn weak_side(trials: &Trials<'_>, all: &[Answer]) -> Option<Side> {
+fn weak_side(trials: &Trials<'_>, all: &[Answer]) -> Option<BallSide> {
     let mut generator = trials.generator();
     let mut trial = Trial::default();
     let seen: Vec<Vec3> = (0..all.len() as u64)
@@ -212,7 +212,7 @@ fn weak_side(trials: &Trials<'_>, all: &[Answer]) -> Option<Side> {
     let mut near: Vec<usize> = (0..dots.len()).collect();
     near.sort_by(|&a, &b| dots[b].dot(&side).total_cmp(&dots[a].dot(&side)));
     near.truncate(3);
-    (failed.low > WEAK * at_all).then(|| Side {
+    (failed.low > WEAK * at_all).then(|| BallSide {
         direction: side.into(),
         dots: near,
         failed,

@@ -139,7 +139,7 @@ impl Confusion {
             for (s, d) in seen.iter_mut().zip(dots) {
                 *s = 1.0 / (1.0 + (-(d.dot(&v) - self.visibility_limit) / SOFTNESS).exp());
             }
-            let count = Count::new(&seen);
+            let count = VisibleFours::new(&seen);
             in_view.clear();
             in_view.extend((0..n).filter(|&i| seen[i] >= MIN_PRODUCT));
             by_dot.fill(0.0);
@@ -254,12 +254,12 @@ fn failure(distance_squared: f64, sigma: f64) -> Failure {
 
 /// The elementary symmetric polynomial of degree 4 of the visibilities, at least 1 (a view of fewer
 /// than four dots is no view), and its derivatives.
-struct Count {
+struct VisibleFours {
     value: f64,
     derivatives: Vec<f64>,
 }
 
-impl Count {
+impl VisibleFours {
     fn new(seen: &[f64]) -> Self {
         let mut e = [1.0, 0.0, 0.0, 0.0, 0.0];
         for &s in seen {

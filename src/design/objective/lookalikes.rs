@@ -33,13 +33,13 @@ const SETTLED: f64 = 1e-13;
 const ROUNDING: f64 = 1e-12;
 
 /// Four dots of the pattern (ascending indices) that look like four others.
-pub(super) struct Lookalike {
+pub(super) struct LookalikeFour {
     pub seen: [usize; 4],
     pub other: [usize; 4],
     pub alignment: Alignment,
 }
 
-impl Lookalike {
+impl LookalikeFour {
     fn new(seen: [usize; 4], other: [usize; 4], alignment: Alignment) -> Self {
         let mut order = [0, 1, 2, 3];
         order.sort_unstable_by_key(|&x| seen[x]);
@@ -65,7 +65,7 @@ impl Lookalike {
 }
 
 /// All pairs of quadruples no farther apart than `reach`, but the identities.
-pub(super) fn lookalikes(dots: &[Vec3], reach: f64) -> Vec<Lookalike> {
+pub(super) fn lookalikes(dots: &[Vec3], reach: f64) -> Vec<LookalikeFour> {
     LookalikeSearch::new(dots, reach).run()
 }
 
@@ -203,7 +203,7 @@ impl<'a> LookalikeSearch<'a> {
         near.take_while(move |n| n.angle <= last).map(|n| n.dot)
     }
 
-    fn run(&self) -> Vec<Lookalike> {
+    fn run(&self) -> Vec<LookalikeFour> {
         let (mut found, mut links, mut thirds) = (Vec::new(), Vec::new(), Vec::new());
         for i in 0..self.n {
             for j in 0..i {
@@ -282,7 +282,7 @@ impl<'a> LookalikeSearch<'a> {
         [i, j]: [usize; 2],
         [k, l]: [usize; 2],
         links: &[LookalikeLink],
-        found: &mut Vec<Lookalike>,
+        found: &mut Vec<LookalikeFour>,
     ) {
         let rank = self.rank(i, j);
         for (x, link) in links.iter().enumerate() {
@@ -314,7 +314,7 @@ impl<'a> LookalikeSearch<'a> {
     }
 
     /// The two quadruples aligned; `None` where they lie farther apart than the reach.
-    fn lookalike(&self, seen: [usize; 4], other: [usize; 4]) -> Option<Lookalike> {
+    fn lookalike(&self, seen: [usize; 4], other: [usize; 4]) -> Option<LookalikeFour> {
         let d = self.dots;
         let gram = |q: &[usize; 4]| {
             Matrix4::from_fn(|r, c| {
@@ -343,6 +343,6 @@ impl<'a> LookalikeSearch<'a> {
             Some(*kabsch(&from, &to, None).ok()?.to_rotation_matrix().matrix())
         })?;
         let alignment = align(d, &seen, &other, &start)?;
-        Some(Lookalike::new(seen, other, alignment))
+        Some(LookalikeFour::new(seen, other, alignment))
     }
 }

@@ -234,7 +234,7 @@ impl TooFewDots {
         let crowds = crowds(dots);
         let of_count: Vec<f64> = (0..=n).map(|k| self.failures.of(k)).collect();
         let views = MIN_VIEWS.max((VIEWS_BY_SOFTNESS / self.softness).ceil() as usize);
-        let mut count = Count::new(n);
+        let mut count = DetectedCount::new(n);
         let mut chances = vec![0.0; n];
         let mut value = 0.0;
         let mut gradient = vec![Vec3::zeros(); n];
@@ -282,14 +282,14 @@ fn logistic(logit: f64) -> f64 {
 }
 
 /// The number of dots that are detected, each by itself with its own probability.
-struct Count {
+struct DetectedCount {
     /// The distribution after the first `i` dots, by the number detected: row `i`.
     states: Vec<f64>,
     /// Derivatives of the last expectation by each dot's probability.
     slopes: Vec<f64>,
 }
 
-impl Count {
+impl DetectedCount {
     fn new(dots: usize) -> Self {
         let mut states = vec![0.0; (dots + 1) * (dots + 1)];
         states[0] = 1.0;
@@ -346,7 +346,7 @@ mod tests {
                 })
                 .sum()
         };
-        let mut count = Count::new(chances.len());
+        let mut count = DetectedCount::new(chances.len());
         // Twice: the memory of another distribution is none of this one's.
         count.expectation(&[0.5; 5], &of_count);
         let found = count.expectation(&chances, &of_count);

@@ -131,14 +131,14 @@ impl Cost for Charges {
 
 /// A constraint that can be relaxed by itself.
 #[derive(Debug, Clone, Copy)]
-enum Demand {
+enum Relaxable {
     SeamMargin,
     KeepOut,
     MinVisible,
     Separation,
 }
 
-impl Demand {
+impl Relaxable {
     const ALL: [Self; 4] = [
         Self::SeamMargin,
         Self::KeepOut,
@@ -297,7 +297,7 @@ fn first_success(tries: u64, attempt: impl Fn(u64) -> Result<bool> + Sync + Send
 /// largest part of it that was reached.
 fn unmet(constraints: &Constraints, dots: usize, stop: &AtomicBool) -> Result<Error> {
     let together = format!("no pattern of {dots} dots was found that meets all demands at once");
-    for demand in Demand::ALL {
+    for demand in Relaxable::ALL {
         let reaches = |part: f64| {
             is_met(
                 &demand.relaxed(constraints, part),

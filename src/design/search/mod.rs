@@ -24,7 +24,7 @@ use self::feasible::check_feasible_until;
 use self::work::{climb, rate, scout};
 use super::config::DesignConfig;
 use super::constraints::NO_STENCIL;
-use super::state::{Candidate, Milestone, SearchState, sort_by_rate};
+use super::state::{DesignCandidate, Milestone, SearchState, sort_by_rate};
 use crate::concurrency::{self, Stopwatch};
 use crate::error::{Error, Result};
 
@@ -64,7 +64,7 @@ pub trait DesignObserver {
     ///
     /// # Errors
     /// Any error of the observer; it ends the search.
-    fn rank(&mut self, _finalists: &mut [Candidate]) -> Result<()> {
+    fn rank(&mut self, _finalists: &mut [DesignCandidate]) -> Result<()> {
         Ok(())
     }
 
@@ -80,9 +80,9 @@ impl DesignObserver for () {}
 #[derive(Debug, Clone, PartialEq)]
 pub struct DesignOutcome {
     /// The winner of the last trial.
-    pub best: Candidate,
+    pub best: DesignCandidate,
     /// The finalists, best first.
-    pub finalists: Vec<Candidate>,
+    pub finalists: Vec<DesignCandidate>,
     /// Starts tried.
     pub starts: usize,
     /// The best rate over time.
@@ -170,7 +170,7 @@ struct StartSearch<'a> {
     before_s: f64,
     /// The result of a stopped round. It takes part in the last trial of this run. The state leaves
     /// it out, so a resumed search finds the same as one that was never stopped.
-    unfinished: Vec<Candidate>,
+    unfinished: Vec<DesignCandidate>,
 }
 
 impl<'a> StartSearch<'a> {
@@ -233,9 +233,9 @@ impl StartSearch<'_> {
     fn round(&mut self, state: &mut SearchState) -> Result<bool> {
         let config = self.config;
         self.scout(state)?;
-        let mut best: Vec<&Candidate> = state.scouted.iter().collect();
+        let mut best: Vec<&DesignCandidate> = state.scouted.iter().collect();
         best.sort_unstable_by(|a, b| a.cost.total_cmp(&b.cost).then(a.start.cmp(&b.start)));
-        let chosen: Vec<Candidate> = best
+        let chosen: Vec<DesignCandidate> = best
             .into_iter()
             .take(config.starts.div_ceil(4))
             .cloned()
@@ -280,7 +280,7 @@ impl StartSearch<'_> {
     }
 
     /// The further steps of the best, as far as they have not made them.
-    fn climb(&mut self, state: &mut SearchState, chosen: &[Candidate]) -> Result<()> {
+    fn climb(&mut self, state: &mut SearchState, chosen: &[DesignCandidate]) -> Result<()> {
         let (config, stop) = (self.config, self.stop);
         while state.climbed.len() < chosen.len() && !self.stopped() {
             let from = state.climbed.len();
@@ -294,7 +294,7 @@ impl StartSearch<'_> {
     }
 
     /// Keeps what descents have found; those that were cut short, for this run only.
-    fn keep(&mut self, mut found: Vec<Candidate>, whole: &mut Vec<Candidate>) {
+    fn keep(&mut self, mut found: Vec<DesignCandidate>, whole: &mut Vec<DesignCandidate>) {
         if self.stopped() {
             self.unfinished.append(&mut found);
         } else {
@@ -306,8 +306,8 @@ impl StartSearch<'_> {
     fn best_tried(
         &mut self,
         state: &mut SearchState,
-        mut tried: Vec<Candidate>,
-    ) -> Result<Vec<Candidate>> {
+        mut tried: Vec<DesignCandidate>,
+    ) -> Result<Vec<DesignCandidate>> {
         let config = self.config;
         state.missed = tried.iter().rev().find_map(|c| c.missed.clone());
         tried.retain(|c| c.missed.is_none());
@@ -352,11 +352,11 @@ impl StartSearch<'_> {
     }
 
     /// The last trial: the pool meets on fresh views, and each halving doubles them. A stop leaves the order of the last whole halving.
-    fn halve(&mut self, state: &mut SearchState) -> Result<Vec<Candidate>> {
+    fn halve(&mut self, state: &mut SearchState) -> Result<Vec<DesignCandidate>> {
         let config = self.config;
         let mut field = state.pool.clone();
         field.append(&mut self.unfinished);
-        let mut out: Vec<Candidate> = Vec::new();
+        let mut out: Vec<DesignCandidate> = Vec::new();
         let mut halving = 0;
         sort_by_rate(&mut field);
         while field.len() > 1 {
@@ -386,9 +386,9 @@ impl StartSearch<'_> {
 
 /// Where each start of the round has come to: to the end of its descent, or to its first steps where it went no
 /// further or left the constraints.
-fn reached(state: &SearchState, unfinished: Vec<Candidate>) -> Vec<Candidate> {
+fn reached(state: &SearchState, unfinished: Vec<DesignCandidate>) -> Vec<DesignCandidate> {
     let whole = state.scouted.iter().chain(&state.climbed).cloned();
-    let mut reached: Vec<Candidate> = Vec::with_capacity(state.scouted.len());
+    let mut reached: Vec<DesignCandidate> = Vec::with_capacity(state.scouted.len());
     for candidate in whole.chain(unfinished) {
         match reached.iter_mut().find(|r| r.start == candidate.start) {
             Some(before) if candidate.missed.is_none() => *before = candidate,

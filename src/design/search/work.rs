@@ -15,7 +15,7 @@ use crate::ball::Ball;
 use crate::design::config::DesignConfig;
 use crate::design::descent::{Cost, Descent};
 use crate::design::objective::{Evaluation, Objective, OrientationBound, basis};
-use crate::design::state::Candidate;
+use crate::design::state::DesignCandidate;
 use crate::error::{Error, Result};
 use crate::geometry::{Vec3, random_direction};
 use crate::pattern::{Pattern, random_pattern};
@@ -80,7 +80,7 @@ impl Cost for DesignCost<'_> {
 
 /// A start: random; the given pattern with displaced dots (start 0: unchanged); or, once there are
 /// good ones, one of them with some dots placed elsewhere.
-fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Result<Pattern> {
+fn first_pattern(config: &DesignConfig, pool: &[DesignCandidate], start: usize) -> Result<Pattern> {
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     rng.set_stream(start as u64);
     let separation = config.constraints.min_separation_rad;
@@ -109,7 +109,7 @@ fn first_pattern(config: &DesignConfig, pool: &[Candidate], start: usize) -> Res
 /// placed elsewhere.
 fn added_pattern(
     config: &DesignConfig,
-    pool: &[Candidate],
+    pool: &[DesignCandidate],
     start: usize,
     rng: &mut ChaCha8Rng,
 ) -> Result<Pattern> {
@@ -140,9 +140,9 @@ fn candidate(
     start: usize,
     before: f64,
     pattern: &Pattern,
-) -> Result<Candidate> {
+) -> Result<DesignCandidate> {
     let cost = DesignCost::sharp(config);
-    Ok(Candidate {
+    Ok(DesignCandidate {
         start,
         value_before: before,
         value: cost.objective.evaluate_at(pattern.dots())?.value,
@@ -160,10 +160,10 @@ fn candidate(
 /// A start after its first steps, or after as many as there were before the stop.
 pub(super) fn scout(
     config: &DesignConfig,
-    pool: &[Candidate],
+    pool: &[DesignCandidate],
     start: usize,
     stop: &AtomicBool,
-) -> Result<Candidate> {
+) -> Result<DesignCandidate> {
     let first = first_pattern(config, pool, start)?;
     let cost = DesignCost::soft(config);
     let before = DesignCost::sharp(config)
@@ -178,9 +178,9 @@ pub(super) fn scout(
 /// A scouted start, taken down to the end, or until the stop.
 pub(super) fn climb(
     config: &DesignConfig,
-    scouted: &Candidate,
+    scouted: &DesignCandidate,
     stop: &AtomicBool,
-) -> Result<Candidate> {
+) -> Result<DesignCandidate> {
     let cost = DesignCost::sharp(config);
     let descent = descent(config, config.climb_steps, stop);
     let found = descent.run(&scouted.pattern()?, &cost, &config.constraints)?;
@@ -198,7 +198,7 @@ fn descent<'a>(config: &DesignConfig, steps: u64, stop: &'a AtomicBool) -> Desce
 /// Right orientations of all views of a candidate: of each protocol an equal part of `samples` trials.
 pub(super) fn rate(
     config: &DesignConfig,
-    candidate: &Candidate,
+    candidate: &DesignCandidate,
     (seed, samples): (u64, u64),
     stop: &AtomicBool,
 ) -> Result<Option<Proportion>> {

@@ -31,14 +31,14 @@ const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// How a file separates its fields.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Format {
+pub(crate) struct CsvFormat {
     /// Between two fields.
     pub delimiter: u8,
     /// Whether lines that start with `#` are comments.
     pub comments: bool,
 }
 
-impl Default for Format {
+impl Default for CsvFormat {
     fn default() -> Self {
         Self {
             delimiter: b',',
@@ -51,7 +51,7 @@ impl Default for Format {
 pub(crate) struct Rows<R> {
     input: R,
     path: PathBuf,
-    format: Format,
+    format: CsvFormat,
     parser: csv_core::Reader,
     /// Line ends seen so far.
     newlines: u64,
@@ -63,7 +63,7 @@ pub(crate) struct Rows<R> {
 
 impl<R: BufRead> Rows<R> {
     /// The records of `input`; `path` names it in errors.
-    pub fn new(path: &Path, input: R, format: Format) -> Self {
+    pub fn new(path: &Path, input: R, format: CsvFormat) -> Self {
         Self {
             input,
             path: path.to_path_buf(),
@@ -88,7 +88,7 @@ impl<R: BufRead> Rows<R> {
     /// # Errors
     /// [`Error::Read`] on an I/O failure, [`Error::Input`] for a record that is too long or
     /// not UTF-8.
-    pub fn next_row(&mut self) -> Result<Option<Row<'_>>> {
+    pub fn next_row(&mut self) -> Result<Option<CsvRow<'_>>> {
         if !self.skip_to_record()? {
             return Ok(None);
         }
@@ -96,7 +96,7 @@ impl<R: BufRead> Rows<R> {
         let Some((length, fields)) = self.read_record(line)? else {
             return Ok(None);
         };
-        let row = Row {
+        let row = CsvRow {
             path: &self.path,
             line,
             delimiter: self.format.delimiter,
@@ -218,7 +218,7 @@ fn text<'a>(bytes: &'a [u8], ends: &[usize]) -> std::result::Result<&'a str, Str
 }
 
 /// A record.
-pub(crate) struct Row<'a> {
+pub(crate) struct CsvRow<'a> {
     path: &'a Path,
     line: u64,
     delimiter: u8,
@@ -226,7 +226,7 @@ pub(crate) struct Row<'a> {
     ends: &'a [usize],
 }
 
-impl<'a> Row<'a> {
+impl<'a> CsvRow<'a> {
     /// The line on which it begins, counted from 1.
     pub fn line(&self) -> u64 {
         self.line
@@ -323,7 +323,7 @@ mod tests {
 
     fn read(text: &[u8], chunk: usize) -> Vec<(u64, Vec<String>)> {
         let input = BufReader::with_capacity(chunk.max(3), Trickle(text, chunk));
-        let mut rows = Rows::new(Path::new("t.csv"), input, Format::default());
+        let mut rows = Rows::new(Path::new("t.csv"), input, CsvFormat::default());
         let mut found = Vec::new();
         while let Some(row) = rows.next_row().unwrap() {
             found.push((row.line(), row.fields().map(str::to_owned).collect()));
@@ -437,7 +437,7 @@ mod tests {
     #[test]
     fn fields_are_checked_one_by_one() {
         // Two halves of one character, either side of a comma.
-        let mut rows = Rows::new(Path::new("t"), &b"\xc3,\xa9\n"[..], Format::default());
+        let mut rows = Rows::new(Path::new("t"), &b"\xc3,\xa9\n"[..], CsvFormat::default());
         let error = rows.next_row().err().unwrap().to_string();
         assert_eq!(error, "t: line 1: expected UTF-8 text, field 1 is none");
     }
@@ -447,7 +447,7 @@ mod tests {
         let mut text = b"a,b\n1,\"".to_vec();
         text.resize(100 * MAX_RECORD_BYTES, b'\n');
         let mut input = text.as_slice();
-        let mut rows = Rows::new(Path::new("t"), &mut input, Format::default());
+        let mut rows = Rows::new(Path::new("t"), &mut input, CsvFormat::default());
         rows.next_row().unwrap();
         let error = rows.next_row().err().unwrap().to_string();
         assert!(

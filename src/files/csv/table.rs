@@ -3,7 +3,7 @@
 use std::io::BufRead;
 use std::path::Path;
 
-use super::{Format, MAX_SHOWN, Row, Rows, shown};
+use super::{CsvFormat, CsvRow, MAX_SHOWN, Rows, shown};
 use crate::error::{Error, Result};
 
 /// A header's columns: all that a reader knows; the file must have those from the first `required`
@@ -39,7 +39,7 @@ impl<R: BufRead, const N: usize> Table<R, N> {
             let problem = format!("expected a header with {expected}, found {kind}");
             return Err(Error::input(path, "line 1", problem));
         }
-        let mut rows = Rows::new(path, input, Format::default());
+        let mut rows = Rows::new(path, input, CsvFormat::default());
         let Some(header) = rows.next_row()? else {
             let problem = format!("expected a header with {expected}, found nothing");
             return Err(Error::input(path, "line 1", problem));
@@ -109,7 +109,7 @@ impl<R: BufRead, const N: usize> Table<R, N> {
 
 /// A record of a table.
 pub(crate) struct TableRow<'a, const N: usize> {
-    row: Row<'a>,
+    row: CsvRow<'a>,
     names: &'a [&'static str; N],
     places: &'a [Option<usize>; N],
 }

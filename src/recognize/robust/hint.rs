@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Rotation3};
 
-use super::model::Dot;
+use super::model::PreparedDot;
 use crate::geometry::{ROTATIONS, Rotation};
 use crate::recognize::Hint;
 
@@ -18,13 +18,13 @@ const MAX_WIDENING: f64 = 30.0;
 
 /// A checked hint.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Prior {
+pub(super) struct HintPrior {
     rotation: Matrix3<f64>,
     covariance: Matrix3<f64>,
     wrong: f64,
 }
 
-impl Prior {
+impl HintPrior {
     /// `None` where the covariance is not positive definite or `wrong` no probability in (0, 1).
     pub fn new(hint: &Hint) -> Option<Self> {
         let symmetric = 0.5 * (hint.covariance + hint.covariance.transpose());
@@ -43,7 +43,7 @@ impl Prior {
     }
 
     /// Variance ratio of a first assignment of dots that the hint's error has moved.
-    pub fn widening(&self, dots: &[Dot]) -> f64 {
+    pub fn widening(&self, dots: &[PreparedDot]) -> f64 {
         let max_radial = dots.iter().map(|d| d.radial).fold(0.0, f64::max);
         (1.0 + self.covariance.trace() / 3.0 * max_radial).min(MAX_WIDENING)
     }
@@ -82,7 +82,8 @@ mod tests {
         for angle in [0.0, 1e-9, 0.3, 2.0, 3.0, PI - 1e-6, PI - 1e-9, PI] {
             for axis in [Vec3::x(), Vec3::y(), Vec3::z(), random_direction(&mut rng)] {
                 let rotation = random_rotation(&mut rng);
-                let prior = Prior::new(&Hint::isotropic(rotation, sigma)).expect("a covariance");
+                let prior =
+                    HintPrior::new(&Hint::isotropic(rotation, sigma)).expect("a covariance");
                 let moved = Rotation::from_scaled_axis(axis * angle) * rotation;
                 let found = prior.ln_ratio(moved.to_rotation_matrix().matrix(), None);
                 let normal = (-0.5 * (angle / sigma).powi(2)).exp() / (TAU.sqrt() * sigma).powi(3);

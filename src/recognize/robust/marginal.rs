@@ -15,10 +15,13 @@
 //! What it does not guarantee: that no change of several dots at once would be better.
 
 use super::RobustRecognizer;
-use super::model::{Dot, SEARCH_WEIGHT};
+use super::model::{PreparedDot, SEARCH_WEIGHT};
 use super::naming::Naming;
 use super::posterior::Explanation;
-use super::refine::{Comparison, MIN_MATCHED, Refined, Refiner, UNASSIGNED, ln_volume, widened};
+use super::refine::{
+    ComparedDots, ExplanationRefiner, MIN_MATCHED, RefinedExplanation, UNASSIGNED, ln_volume,
+    widened,
+};
 use super::workspace::RobustWorkspace;
 use crate::recognize::learn::{ConditionsPosterior, FrameEvidence, LnLikelihood};
 
@@ -42,7 +45,7 @@ const LEAST_GAIN: f64 = 1e-6;
 /// An assignment's fit, and its log-evidence over all conditions.
 #[derive(Debug, Clone, Copy)]
 struct Weighed {
-    fit: Refined,
+    fit: RefinedExplanation,
     ln_evidence: f64,
 }
 
@@ -79,9 +82,9 @@ impl RobustRecognizer {
     fn ln_likelihood(
         &self,
         conditions: &ConditionsPosterior,
-        fit: &Refined,
+        fit: &RefinedExplanation,
         assignment: &[u16],
-        dots: &[Dot],
+        dots: &[PreparedDot],
     ) -> LnLikelihood {
         let matched = || {
             dots.iter()
@@ -113,9 +116,9 @@ impl RobustRecognizer {
     fn ln_marginal(
         &self,
         conditions: &ConditionsPosterior,
-        fit: &Refined,
+        fit: &RefinedExplanation,
         assignment: &[u16],
-        dots: &[Dot],
+        dots: &[PreparedDot],
     ) -> f64 {
         let likelihood = self.ln_likelihood(conditions, fit, assignment, dots);
         conditions.ln_marginal(&likelihood) - self.model.ln_all_false(dots.len())
@@ -177,9 +180,9 @@ impl RobustRecognizer {
     fn name(
         &self,
         conditions: &ConditionsPosterior,
-        refined: &Refined,
+        refined: &RefinedExplanation,
         ws: &mut RobustWorkspace,
-    ) -> Refined {
+    ) -> RefinedExplanation {
         let RobustWorkspace {
             dots,
             refiner,
@@ -200,7 +203,7 @@ impl RobustRecognizer {
             now = better;
             naming.chosen.clone_from(&naming.better);
         }
-        Refined {
+        RefinedExplanation {
             ln_evidence: now.ln_evidence,
             ln_alternatives: naming.alternatives.iter().map(|sum| sum.ln_1p()).sum(),
             ..now.fit
@@ -208,7 +211,7 @@ impl RobustRecognizer {
     }
 
     /// Lists the matches within reach.
-    fn link(&self, refined: &Refined, dots: &[Dot], naming: &mut Naming) {
+    fn link(&self, refined: &RefinedExplanation, dots: &[PreparedDot], naming: &mut Naming) {
         naming.links.clear();
         for (j, p) in self.dots.iter().enumerate() {
             let q = refined.rotation * p;
@@ -228,9 +231,9 @@ impl RobustRecognizer {
     fn try_changes(
         &self,
         conditions: &ConditionsPosterior,
-        view: &Comparison<'_>,
+        view: &ComparedDots<'_>,
         now: &Weighed,
-        refiner: &mut Refiner,
+        refiner: &mut ExplanationRefiner,
         naming: &mut Naming,
     ) -> Option<Weighed> {
         naming.alternatives.clear();
@@ -270,9 +273,9 @@ impl RobustRecognizer {
     fn fit_and_weigh(
         &self,
         conditions: &ConditionsPosterior,
-        view: &Comparison<'_>,
-        from: &Refined,
-        refiner: &mut Refiner,
+        view: &ComparedDots<'_>,
+        from: &RefinedExplanation,
+        refiner: &mut ExplanationRefiner,
         assignment: &[u16],
     ) -> Option<Weighed> {
         let matched = assignment.iter().filter(|&&j| j != UNASSIGNED).count();
@@ -281,7 +284,7 @@ impl RobustRecognizer {
         }
         let (information, rotation) =
             refiner.fit(view, &from.rotation, assignment, SEARCH_WEIGHT)?;
-        let fit = Refined {
+        let fit = RefinedExplanation {
             rotation,
             ln_volume: ln_volume(&information),
             ..*from

@@ -27,9 +27,9 @@ use std::sync::LazyLock;
 
 use nalgebra::{Matrix3, Rotation3};
 
-use super::model::{Dot, GATE, Model};
-use super::posterior::{MAX_FOUND, Weights};
-use super::refine::{Comparison, Refined, UNASSIGNED, widened};
+use super::model::{GATE, PreparedDot, ViewTables};
+use super::posterior::{ExplanationWeights, MAX_FOUND};
+use super::refine::{ComparedDots, RefinedExplanation, UNASSIGNED, widened};
 use crate::geometry::Vec3;
 
 /// Rotations at which the integrand is evaluated.
@@ -83,7 +83,7 @@ struct MatchLink {
     /// Gain at the explanation's own rotation, with wider variances.
     gain: f64,
     /// The dot with the variance that the pattern dot's place adds.
-    seen: Dot,
+    seen: PreparedDot,
 }
 
 /// A step of the sum: a dot.
@@ -158,14 +158,14 @@ impl Matching {
     /// it.
     pub fn at_rotation(
         &mut self,
-        view: &Comparison<'_>,
-        of: &Refined,
+        view: &ComparedDots<'_>,
+        of: &RefinedExplanation,
         assignment: &[u16],
-    ) -> Weights {
+    ) -> ExplanationWeights {
         self.link(view, &of.rotation, assignment);
         let (own, all) = self.sum(view, &of.rotation, assignment);
         let around = of.ln_volume + of.ln_prior;
-        Weights {
+        ExplanationWeights {
             ln_own: own + around,
             ln_all: all + around,
         }
@@ -201,11 +201,11 @@ impl Matching {
     /// weights `Z / sum_e q_e`, and no rotation counts twice.
     pub fn integrate(
         &mut self,
-        view: &Comparison<'_>,
+        view: &ComparedDots<'_>,
         of: usize,
-        refined: &Refined,
+        refined: &RefinedExplanation,
         assignment: &[u16],
-    ) -> Option<Weights> {
+    ) -> Option<ExplanationWeights> {
         let own_sampled = *self.sampled.iter().find(|s| s.of == of)?;
         self.neighbors.clear();
         let others = self.sampled.iter().filter(|s| s.of != of);
@@ -228,7 +228,7 @@ impl Matching {
             self.all.push(all + prior - ln_density - ln_shared);
         }
         let ln_nodes = (NODES as f64).ln();
-        Some(Weights {
+        Some(ExplanationWeights {
             ln_own: ln_sum(&self.own) - ln_nodes,
             ln_all: ln_sum(&self.all) - ln_nodes,
         })
@@ -236,7 +236,7 @@ impl Matching {
 
     /// Lists the possible matches about a rotation, the order in which they are summed over, and the
     /// pattern dots that the rotations about it concern.
-    fn link(&mut self, view: &Comparison<'_>, rotation: &Matrix3<f64>, assignment: &[u16]) {
+    fn link(&mut self, view: &ComparedDots<'_>, rotation: &Matrix3<f64>, assignment: &[u16]) {
         self.rotated.clear();
         self.worth.clear();
         self.links.clear();
@@ -290,7 +290,7 @@ impl Matching {
 
     /// Lists the pattern dots whose visibility or match the rotation decides; the others stay as they
     /// are.
-    fn concern(&mut self, view: &Comparison<'_>) {
+    fn concern(&mut self, view: &ComparedDots<'_>) {
         self.concerned.clear();
         (self.other_missed, self.other_visible) = (0.0, 0.0);
         for (j, q) in self.rotated.iter().enumerate() {
@@ -363,7 +363,7 @@ impl Matching {
     }
 
     /// Rotates the pattern; ln of the probability that all of it is missed.
-    fn project(&mut self, view: &Comparison<'_>, rotation: &Matrix3<f64>) -> f64 {
+    fn project(&mut self, view: &ComparedDots<'_>, rotation: &Matrix3<f64>) -> f64 {
         let (mut missed, mut visible) = (self.other_missed, self.other_visible);
         for &j in &self.concerned {
             let j = usize::from(j);
@@ -380,7 +380,7 @@ impl Matching {
     /// ln of the weights of the explanation's own assignment and of all assignments at a rotation.
     fn sum(
         &mut self,
-        view: &Comparison<'_>,
+        view: &ComparedDots<'_>,
         rotation: &Matrix3<f64>,
         assignment: &[u16],
     ) -> (f64, f64) {
@@ -406,7 +406,7 @@ impl Matching {
     }
 
     /// The sum over all assignments.
-    fn sum_over_assignments(&mut self, model: &Model) -> f64 {
+    fn sum_over_assignments(&mut self, model: &ViewTables) -> f64 {
         // All larger numbers left out have the same prior ratio.
         let counts = model.false_counts();
         let width = self.steps.iter().map(|s| s.width).max().unwrap_or(0);

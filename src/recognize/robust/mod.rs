@@ -69,11 +69,11 @@ use crate::error::{Result, require};
 use crate::geometry::{Rotation, Vec3, angle_between, rotation_angle};
 use crate::pattern::Pattern;
 use crate::view::ViewModel;
-use hint::Prior;
-use model::{Dot, Model, SEARCH_WEIGHT};
+use hint::HintPrior;
+use model::{PreparedDot, SEARCH_WEIGHT, ViewTables};
 use pairs::PatternPairs;
-use posterior::{Confidence, Explanation, Found, NullHypothesis};
-use refine::{Refined, UNASSIGNED};
+use posterior::{Confidence, Explanation, FoundInView, NullHypothesis};
+use refine::{RefinedExplanation, UNASSIGNED};
 use screen::ScreenModel;
 
 /// Minimum number of dots that can be identified without a hint, and with one.
@@ -94,7 +94,7 @@ const MIRROR_SURE: f64 = 0.9;
 pub struct RobustRecognizer {
     dots: Vec<Vec3>,
     pairs: PatternPairs,
-    model: Model,
+    model: ViewTables,
     screen: ScreenModel,
     null: NullHypothesis,
     /// See [`refine::Comparison::spread`].
@@ -122,7 +122,7 @@ impl RobustRecognizer {
         config.check()?;
         let dots = pattern.dots().to_vec();
         let pairs = PatternPairs::new(&dots);
-        let model = Model::new(&config.view, dots.len());
+        let model = ViewTables::new(&config.view, dots.len());
         Ok(Self {
             screen: ScreenModel::new(&config.view, &model, dots.len(), &pairs),
             null: NullHypothesis::new(&config.view, dots.len()),
@@ -216,7 +216,7 @@ impl RobustRecognizer {
         ws.clear(dots.len());
         self.prepare(dots, ws).ok()?;
         self.refine_from(rotation, ws);
-        let Refined {
+        let RefinedExplanation {
             rotation,
             ln_evidence,
             ..
@@ -247,7 +247,7 @@ impl RobustRecognizer {
         ws: &'w mut RobustWorkspace,
     ) -> std::result::Result<&'w Explanations, RecognizerRejection> {
         let prior = match hint {
-            Some(hint) => Some(Prior::new(hint).ok_or(RecognizerRejection::Degenerate)?),
+            Some(hint) => Some(HintPrior::new(hint).ok_or(RecognizerRejection::Degenerate)?),
             None => None,
         };
         self.search_all(dots, prior.as_ref(), mirror_doubt, ws)?;
@@ -259,7 +259,7 @@ impl RobustRecognizer {
     fn search_all(
         &self,
         dots: &[ObservedDot],
-        prior: Option<&Prior>,
+        prior: Option<&HintPrior>,
         mirror_doubt: f64,
         ws: &mut RobustWorkspace,
     ) -> std::result::Result<(), RecognizerRejection> {
@@ -297,7 +297,7 @@ impl RobustRecognizer {
     /// Weighs the explanations found with all assignments near them: by their evidence at their own
     /// rotations, and where that leaves doubt integrated over the rotations. What is far behind the best, or behind the log-evidence `rival` of
     /// another view, is not.
-    fn weigh(&self, prior: Option<&Prior>, rival: f64, ws: &mut RobustWorkspace) {
+    fn weigh(&self, prior: Option<&HintPrior>, rival: f64, ws: &mut RobustWorkspace) {
         let Some(best) = ws.found.best() else {
             return;
         };
@@ -326,7 +326,7 @@ impl RobustRecognizer {
         let least = best.refined.ln_evidence.max(rival) - INTEGRATED;
         matching.clear_sampled();
         for (number, explanation) in found.explanations().iter().enumerate() {
-            let Refined {
+            let RefinedExplanation {
                 rotation,
                 ln_evidence,
                 ..
@@ -400,8 +400,8 @@ impl RobustRecognizer {
         &self,
         explanation: &Explanation,
         confidence: Confidence,
-        found: &Found,
-        dots: &[Dot],
+        found: &FoundInView,
+        dots: &[PreparedDot],
         out: &mut Identification,
     ) {
         let rotation = explanation.refined.rotation;

@@ -43,7 +43,7 @@ const TANGENTS: [f64; 3] = [0.8, 2.4, 5.0];
 
 /// The tables of one view model.
 #[derive(Debug, Clone)]
-pub(super) struct Model {
+pub(super) struct ViewTables {
     kernel: Vec<f64>,
     weight: Vec<f64>,
     visibility: Vec<Visibility>,
@@ -81,7 +81,7 @@ pub(super) struct Visibility {
 
 /// An observed dot, prepared.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Dot {
+pub(super) struct PreparedDot {
     /// Unit vector, camera frame.
     pub direction: Vec3,
     /// Tangent axes over their standard deviations: their products with a displacement are
@@ -102,7 +102,7 @@ pub(super) struct Dot {
     pub most: f64,
 }
 
-impl Dot {
+impl PreparedDot {
     /// Squared Mahalanobis distance of the direction `q`; for an isotropic dot `|q - o|^2 /
     /// sigma^2`.
     pub fn distance_squared(&self, q: &Vec3) -> f64 {
@@ -139,7 +139,7 @@ impl Dot {
     }
 }
 
-impl Model {
+impl ViewTables {
     /// The tables of a view model, for a pattern of so many dots.
     pub fn new(view: &ViewModel, pattern_dots: usize) -> Self {
         let shape = view.noise.shape();
@@ -264,7 +264,7 @@ impl Model {
     }
 
     /// ln of the Gaussian's peak density of a prepared dot, per steradian.
-    pub fn ln_gaussian_peak(&self, dot: &Dot) -> f64 {
+    pub fn ln_gaussian_peak(&self, dot: &PreparedDot) -> f64 {
         dot.ln_peak + self.ln_false_density
     }
 
@@ -274,7 +274,7 @@ impl Model {
     }
 
     /// Prepares a dot; `None` where its direction or its covariance is invalid.
-    pub fn prepare(&self, dot: &ObservedDot) -> Option<Dot> {
+    pub fn prepare(&self, dot: &ObservedDot) -> Option<PreparedDot> {
         let direction = dot.direction;
         let off = (direction.norm_squared() - 1.0).abs();
         if off.is_nan() || off > 2.0 * LENGTH_TOLERANCE {
@@ -308,7 +308,7 @@ impl Model {
             }
         };
         let ln_peak = -(TAU * det_root).ln() - self.ln_false_density;
-        Some(Dot {
+        Some(PreparedDot {
             direction,
             axes,
             radial: 1.0 / (sigma_max * sigma_max),
@@ -349,7 +349,7 @@ mod tests {
 
     #[test]
     fn what_is_beyond_the_gate_has_no_kernel() {
-        let model = Model::new(&ViewModel::default(), 20);
+        let model = ViewTables::new(&ViewModel::default(), 20);
         assert!(model.ln_kernel(GATE * GATE).is_some());
         for d2 in [GATE * GATE * 1.001, 1e300, f64::INFINITY, f64::NAN] {
             assert_eq!(model.ln_kernel(d2), None, "{d2}");
@@ -369,7 +369,7 @@ mod tests {
                 noise,
                 ..ViewModel::default()
             };
-            let model = Model::new(&view, 20);
+            let model = ViewTables::new(&view, 20);
             for least in [-30.0, -12.0, -6.5, -1.0, 0.5] {
                 let reach = model.reach_squared(least);
                 for k in 0..=1000 {
@@ -387,7 +387,7 @@ mod tests {
             detection: Detection::Given { dots: 4 },
             ..ViewModel::default()
         };
-        let model = Model::new(&view, 20);
+        let model = ViewTables::new(&view, 20);
         // C(4, 4), C(7, 4), C(20, 4).
         for (visible, ways) in [(2.0, 1.0), (4.0, 1.0), (7.0, 35.0), (20.0, 4845.0f64)] {
             assert!(
@@ -406,7 +406,7 @@ mod tests {
             false_dots: FalseDots::Usual(2),
             ..ViewModel::default()
         };
-        let model = Model::new(&view, 20);
+        let model = ViewTables::new(&view, 20);
         for from in 0..6 {
             let brute = (from..40).map(|k| model.false_count(k));
             let brute = brute.fold(f64::NEG_INFINITY, f64::max);

@@ -7,7 +7,7 @@
 
 use nalgebra::Matrix3;
 
-use super::refine::Refined;
+use super::refine::RefinedExplanation;
 use crate::recognize::ORIENTATION_FAILURE_RAD;
 use crate::view::ViewModel;
 
@@ -20,7 +20,7 @@ pub(super) const MAX_FOUND: usize = 128;
 
 /// Everything found in one view.
 #[derive(Debug, Default)]
-pub(super) struct Found {
+pub(super) struct FoundInView {
     explanations: Vec<Explanation>,
     /// Assignments, `dots` numbers each.
     assignments: Vec<u16>,
@@ -30,13 +30,13 @@ pub(super) struct Found {
 /// An explanation, with its position among the assignments.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Explanation {
-    pub refined: Refined,
+    pub refined: RefinedExplanation,
     slot: usize,
 }
 
 /// The weights of an explanation.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Weights {
+pub(super) struct ExplanationWeights {
     /// ln of the evidence of its own assignment, against "all dots are false".
     pub ln_own: f64,
     /// ln of the evidence of all assignments. Rotations that are also another explanation's are shared
@@ -44,7 +44,7 @@ pub(super) struct Weights {
     pub ln_all: f64,
 }
 
-impl Weights {
+impl ExplanationWeights {
     fn is_known(&self) -> bool {
         self.ln_own.is_finite() && self.ln_all.is_finite()
     }
@@ -116,7 +116,7 @@ impl NullHypothesis {
     }
 }
 
-impl Found {
+impl FoundInView {
     pub fn with_capacity_for(dots: usize) -> Self {
         Self {
             explanations: Vec::with_capacity(MAX_FOUND),
@@ -132,7 +132,7 @@ impl Found {
     }
 
     /// Remembers an explanation, unless a better one has the same rotation.
-    pub fn add(&mut self, refined: Refined, assignment: &[u16]) {
+    pub fn add(&mut self, refined: RefinedExplanation, assignment: &[u16]) {
         let near = 1.0 + 2.0 * ONE_ROTATION.cos();
         let same = |e: &Explanation| overlap(&e.refined.rotation, &refined.rotation) > near;
         let known = self.explanations.iter().position(same).or_else(|| {
@@ -185,7 +185,7 @@ impl Found {
     pub fn weigh(
         &mut self,
         least: f64,
-        mut of: impl FnMut(usize, &Refined, &[u16]) -> Option<Weights>,
+        mut of: impl FnMut(usize, &RefinedExplanation, &[u16]) -> Option<ExplanationWeights>,
     ) {
         for (number, explanation) in self.explanations.iter_mut().enumerate() {
             let refined = &mut explanation.refined;
@@ -195,7 +195,7 @@ impl Found {
             }
             let weights = of(number, refined, assignment);
             // A matched dot may lie just beyond what the kernel reaches: no weight is known then.
-            if let Some(weights) = weights.filter(Weights::is_known) {
+            if let Some(weights) = weights.filter(ExplanationWeights::is_known) {
                 refined.ln_volume += weights.ln_own - refined.ln_evidence;
                 refined.ln_evidence = weights.ln_own;
                 refined.ln_alternatives = weights.ln_all - weights.ln_own;
@@ -226,7 +226,12 @@ impl Found {
 
     /// Replaces an explanation, whose dots were named anew; of several that now have the same
     /// rotation the most likely is kept. Returns whether this one is.
-    pub fn rename(&mut self, of: &Explanation, refined: Refined, assignment: &[u16]) -> bool {
+    pub fn rename(
+        &mut self,
+        of: &Explanation,
+        refined: RefinedExplanation,
+        assignment: &[u16],
+    ) -> bool {
         let near = 1.0 + 2.0 * ONE_ROTATION.cos();
         let same = |e: &Explanation| {
             e.slot != of.slot && overlap(&e.refined.rotation, &refined.rotation) > near
@@ -319,8 +324,8 @@ mod tests {
     use super::*;
 
     /// An explanation of two dots, turned by so much about z.
-    fn explanation(ln_evidence: f64, ln_alternatives: f64, turn: f64) -> Refined {
-        Refined {
+    fn explanation(ln_evidence: f64, ln_alternatives: f64, turn: f64) -> RefinedExplanation {
+        RefinedExplanation {
             rotation: *Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), turn).matrix(),
             ln_evidence,
             ln_volume: -3.0,
@@ -331,7 +336,7 @@ mod tests {
 
     #[test]
     fn the_evidence_is_that_of_all_explanations_with_their_alternatives() {
-        let mut found = Found::with_capacity_for(2);
+        let mut found = FoundInView::with_capacity_for(2);
         found.clear(2);
         assert_eq!(found.ln_evidence(), f64::NEG_INFINITY);
         found.add(explanation(5.0, 3f64.ln(), 0.0), &[0, 1]);

@@ -16,8 +16,8 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Rotation3};
 
-use super::hint::Prior;
-use super::model::{Dot, FINAL_WEIGHT, MIN_GAIN, Model, SEARCH_WEIGHT};
+use super::hint::HintPrior;
+use super::model::{FINAL_WEIGHT, MIN_GAIN, PreparedDot, SEARCH_WEIGHT, ViewTables};
 use crate::geometry::{ROTATIONS, Vec3};
 
 /// Marks an observed dot without a pattern dot.
@@ -35,11 +35,11 @@ const UNSETTLED: f64 = 5.0;
 
 /// The observed dots, and the pattern and model they are compared with.
 #[derive(Debug)]
-pub(super) struct Comparison<'a> {
-    pub model: &'a Model,
+pub(super) struct ComparedDots<'a> {
+    pub model: &'a ViewTables,
     pub pattern: &'a [Vec3],
-    pub dots: &'a [Dot],
-    pub prior: Option<&'a Prior>,
+    pub dots: &'a [PreparedDot],
+    pub prior: Option<&'a HintPrior>,
     /// Minimum z of a visible dot.
     pub visibility_limit: f64,
     /// For each dot of the pattern the variance of its place beyond what the observed dots'
@@ -48,7 +48,7 @@ pub(super) struct Comparison<'a> {
 }
 
 /// The observed dot as it is compared with pattern dot `j`: the uncertainty of that dot's place widens its own.
-pub(super) fn widened(spread: &[f64], j: usize, dot: &Dot) -> Dot {
+pub(super) fn widened(spread: &[f64], j: usize, dot: &PreparedDot) -> PreparedDot {
     spread
         .get(j)
         .map_or(*dot, |variance| dot.widened(*variance))
@@ -56,13 +56,13 @@ pub(super) fn widened(spread: &[f64], j: usize, dot: &Dot) -> Dot {
 
 /// A rough rotation.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Start {
+pub(super) struct RoughRotation {
     pub rotation: Matrix3<f64>,
     /// Ratio by which its error widens the dots' variances.
     pub widening: f64,
 }
 
-impl Start {
+impl RoughRotation {
     /// A rotation that aligns two dots with two others carries their error to the rest.
     pub fn of_pair(rotation: Matrix3<f64>) -> Self {
         Self {
@@ -82,7 +82,7 @@ struct RefineLink {
 
 /// An explanation's values; its assignment is left in [`Refiner::assignment`].
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Refined {
+pub(super) struct RefinedExplanation {
     pub rotation: Matrix3<f64>,
     /// Log-evidence against "all dots are false".
     pub ln_evidence: f64,
@@ -96,7 +96,7 @@ pub(super) struct Refined {
     pub ln_alternatives: f64,
 }
 
-impl Refined {
+impl RefinedExplanation {
     /// Log-evidence without the hint's part.
     pub fn ln_of_dots(&self) -> f64 {
         self.ln_evidence - self.ln_prior
@@ -105,7 +105,7 @@ impl Refined {
 
 /// Scratch memory of the refinement.
 #[derive(Debug, Default)]
-pub(super) struct Refiner {
+pub(super) struct ExplanationRefiner {
     rotated: Vec<Vec3>,
     /// ln detected - ln missed.
     worth: Vec<f64>,
@@ -117,7 +117,7 @@ pub(super) struct Refiner {
     gain: Vec<f64>,
 }
 
-impl Refiner {
+impl ExplanationRefiner {
     pub fn with_capacity_for(dots: usize, pattern: usize) -> Self {
         Self {
             rotated: Vec::with_capacity(pattern),
@@ -137,8 +137,13 @@ impl Refiner {
 
     /// Refines a rotation on its inliers; `None` if too few dots support it, or if it has not
     /// settled and its log-evidence is far below `least`.
-    pub fn refine(&mut self, view: &Comparison<'_>, start: &Start, least: f64) -> Option<Refined> {
-        let &Comparison {
+    pub fn refine(
+        &mut self,
+        view: &ComparedDots<'_>,
+        start: &RoughRotation,
+        least: f64,
+    ) -> Option<RefinedExplanation> {
+        let &ComparedDots {
             model,
             pattern,
             dots,
@@ -160,7 +165,7 @@ impl Refiner {
             if settled || turn + 1 == MAX_TURNS {
                 let ln_volume = ln_volume(&information);
                 let ln_prior = prior.map_or(0.0, |p| p.ln_ratio(&moved, Some(&information)));
-                return Some(Refined {
+                return Some(RefinedExplanation {
                     rotation: moved,
                     ln_evidence: score + ln_volume + ln_prior,
                     ln_volume,
@@ -182,7 +187,7 @@ impl Refiner {
     /// how peaked their noise is.
     pub fn polish(
         &mut self,
-        view: &Comparison<'_>,
+        view: &ComparedDots<'_>,
         rotation: &Matrix3<f64>,
         assignment: &[u16],
     ) -> Matrix3<f64> {
@@ -200,7 +205,7 @@ impl Refiner {
     /// `rotation`, and the rotation after the step. `None` where the dots do not determine it.
     pub fn fit(
         &mut self,
-        view: &Comparison<'_>,
+        view: &ComparedDots<'_>,
         rotation: &Matrix3<f64>,
         assignment: &[u16],
         max_weight: f64,
@@ -212,7 +217,7 @@ impl Refiner {
     }
 
     /// Rotates the pattern; the penalty of missing every dot.
-    fn project(&mut self, model: &Model, pattern: &[Vec3], rotation: &Matrix3<f64>) -> f64 {
+    fn project(&mut self, model: &ViewTables, pattern: &[Vec3], rotation: &Matrix3<f64>) -> f64 {
         self.rotated.clear();
         self.worth.clear();
         let (mut penalty, mut visible) = (0.0, 0.0);
@@ -228,7 +233,13 @@ impl Refiner {
     }
 
     /// Assigns observed to pattern dots, best link first; what the matches gain over missing.
-    fn assign(&mut self, model: &Model, dots: &[Dot], spread: &[f64], ratio: f64) -> f64 {
+    fn assign(
+        &mut self,
+        model: &ViewTables,
+        dots: &[PreparedDot],
+        spread: &[f64],
+        ratio: f64,
+    ) -> f64 {
         self.links.clear();
         let ln_ratio = ratio.ln();
         for (i, dot) in dots.iter().enumerate() {
@@ -273,7 +284,7 @@ impl Refiner {
     }
 
     /// Brings the number of dots left out nearer to the usual one where that gains; what it gains.
-    fn balance(&mut self, model: &Model) -> f64 {
+    fn balance(&mut self, model: &ViewTables) -> f64 {
         let mut total = 0.0;
         loop {
             let left_out = self.left_out();
@@ -324,7 +335,7 @@ impl Refiner {
     /// information matrix and the moved rotation.
     fn step(
         &self,
-        view: &Comparison<'_>,
+        view: &ComparedDots<'_>,
         rotation: &Matrix3<f64>,
         [ratio, max_weight]: [f64; 2],
     ) -> Option<(Matrix3<f64>, Matrix3<f64>)> {

@@ -9,7 +9,7 @@
 use nalgebra::Matrix3;
 use wide::f32x4;
 
-use super::model::{Dot, MAX_DETECTION, Model};
+use super::model::{MAX_DETECTION, PreparedDot, ViewTables};
 use super::pairs::{LANES, PatternPairs, frame};
 use crate::geometry::Vec3;
 use crate::view::{LOGISTIC, VISIBILITY_SOFTNESS, ViewModel};
@@ -65,7 +65,7 @@ pub(super) struct ScreenModel {
 }
 
 impl ScreenModel {
-    pub fn new(view: &ViewModel, model: &Model, dots: usize, pairs: &PatternPairs) -> Self {
+    pub fn new(view: &ViewModel, model: &ViewTables, dots: usize, pairs: &PatternPairs) -> Self {
         let detected = view.detection_rate(dots).min(MAX_DETECTION);
         let mut this = Self {
             lines: model.lines.map(|l| l.map(|x| x as f32)),
@@ -119,7 +119,7 @@ impl Screen {
         &mut self,
         model: &ScreenModel,
         pairs: &PatternPairs,
-        dots: &[Dot],
+        dots: &[PreparedDot],
         (a, b): (usize, usize),
         bias: Option<impl Fn(usize) -> f64>,
     ) -> Option<()> {
@@ -162,7 +162,7 @@ impl Screen {
     fn localize(
         &mut self,
         model: &ScreenModel,
-        dots: &[Dot],
+        dots: &[PreparedDot],
         (a, b): (usize, usize),
         axes: &Matrix3<f64>,
     ) -> Option<()> {
@@ -280,7 +280,7 @@ fn best_gain(model: &ScreenModel, dot: &Local, [x, y, z]: [&[f32x4]; 3], worth: 
 }
 
 /// Change of the dot's whitened displacement with a small rotation of the pattern at it.
-fn jacobian(dot: &Dot) -> [Vec3; 2] {
+fn jacobian(dot: &PreparedDot) -> [Vec3; 2] {
     dot.axes.map(|u| dot.direction.cross(&u))
 }
 

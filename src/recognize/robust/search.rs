@@ -2,10 +2,10 @@
 //! evidence.
 
 use super::RobustRecognizer;
-use super::hint::Prior;
-use super::model::Dot;
+use super::hint::HintPrior;
+use super::model::PreparedDot;
 use super::pairs::frame;
-use super::refine::{Comparison, Refined, Start, UNASSIGNED};
+use super::refine::{ComparedDots, RefinedExplanation, RoughRotation, UNASSIGNED};
 use super::workspace::RobustWorkspace;
 use crate::geometry::Rotation;
 use crate::recognize::{ObservedDot, RecognizerRejection};
@@ -50,7 +50,7 @@ impl RobustRecognizer {
     /// Tries the hint, then passes over pairs until the best explanation is settled.
     pub(super) fn search(
         &self,
-        prior: Option<&Prior>,
+        prior: Option<&HintPrior>,
         ws: &mut RobustWorkspace,
     ) -> Result<(), RecognizerRejection> {
         ws.pair_up();
@@ -58,7 +58,7 @@ impl RobustRecognizer {
             return Err(RecognizerRejection::Degenerate);
         }
         if let Some(prior) = prior {
-            let start = Start {
+            let start = RoughRotation {
                 rotation: prior.rotation(),
                 widening: prior.widening(&ws.dots),
             };
@@ -72,7 +72,7 @@ impl RobustRecognizer {
     /// `ws.mirrored`.
     pub(super) fn search_mirrored(&self, ws: &mut RobustWorkspace) {
         let rival = ws.found.best().map(|best| best.refined);
-        ws.dots.iter_mut().for_each(Dot::mirror);
+        ws.dots.iter_mut().for_each(PreparedDot::mirror);
         ws.pair_up();
         std::mem::swap(&mut ws.found, &mut ws.mirrored);
         let most = self.config.passes.min(MIRROR_PASSES);
@@ -80,15 +80,15 @@ impl RobustRecognizer {
         let ahead = rival.map_or(f64::NEG_INFINITY, |rival| rival.ln_evidence);
         self.weigh(None, ahead, ws);
         std::mem::swap(&mut ws.found, &mut ws.mirrored);
-        ws.dots.iter_mut().for_each(Dot::mirror);
+        ws.dots.iter_mut().for_each(PreparedDot::mirror);
     }
 
     /// `rival`: an explanation of another view, beside which what is far behind it counts for nothing.
     fn passes(
         &self,
         most: usize,
-        prior: Option<&Prior>,
-        rival: Option<&Refined>,
+        prior: Option<&HintPrior>,
+        rival: Option<&RefinedExplanation>,
         ws: &mut RobustWorkspace,
     ) {
         // The best conceivable explanation matches every dot perfectly.
@@ -126,8 +126,8 @@ impl RobustRecognizer {
     fn pass(
         &self,
         [a, b]: [usize; 2],
-        prior: Option<&Prior>,
-        rival: Option<&Refined>,
+        prior: Option<&HintPrior>,
+        rival: Option<&RefinedExplanation>,
         ws: &mut RobustWorkspace,
     ) {
         let observed = frame(&ws.dots[a].direction, &ws.dots[b].direction);
@@ -151,11 +151,12 @@ impl RobustRecognizer {
         for k in 0..ws.screen.kept().len() {
             let best = likelier(ws.found.best().map(|e| &e.refined), rival).copied();
             let hypothesis = ws.screen.kept()[k];
-            let behind = |r: &Refined| r.ln_evidence - r.ln_volume - f64::from(hypothesis.score);
+            let behind =
+                |r: &RefinedExplanation| r.ln_evidence - r.ln_volume - f64::from(hypothesis.score);
             if fruitless == PATIENCE || best.is_some_and(|b| behind(&b) > HOPELESS) {
                 break;
             }
-            let start = Start::of_pair(rotation(hypothesis.pair as usize));
+            let start = RoughRotation::of_pair(rotation(hypothesis.pair as usize));
             if ws.found.knows(&start.rotation) {
                 continue;
             }
@@ -176,8 +177,12 @@ impl RobustRecognizer {
     }
 
     /// The view that this recognizer compares with its pattern.
-    pub(super) fn view<'a>(&'a self, dots: &'a [Dot], prior: Option<&'a Prior>) -> Comparison<'a> {
-        Comparison {
+    pub(super) fn view<'a>(
+        &'a self,
+        dots: &'a [PreparedDot],
+        prior: Option<&'a HintPrior>,
+    ) -> ComparedDots<'a> {
+        ComparedDots {
             model: &self.model,
             pattern: &self.dots,
             dots,
@@ -189,15 +194,15 @@ impl RobustRecognizer {
 
     /// Refines a rotation that may be a few degrees off.
     pub(super) fn refine_from(&self, rotation: &Rotation, ws: &mut RobustWorkspace) {
-        let start = Start::of_pair(*rotation.to_rotation_matrix().matrix());
+        let start = RoughRotation::of_pair(*rotation.to_rotation_matrix().matrix());
         self.refine(&start, None, f64::NEG_INFINITY, ws);
     }
 
     /// Refines a rotation and stores the result; returns whether it is better than `least`.
     fn refine(
         &self,
-        start: &Start,
-        prior: Option<&Prior>,
+        start: &RoughRotation,
+        prior: Option<&HintPrior>,
         least: f64,
         ws: &mut RobustWorkspace,
     ) -> bool {
@@ -230,7 +235,10 @@ impl RobustRecognizer {
 }
 
 /// The likelier of two explanations.
-fn likelier<'a>(a: Option<&'a Refined>, b: Option<&'a Refined>) -> Option<&'a Refined> {
+fn likelier<'a>(
+    a: Option<&'a RefinedExplanation>,
+    b: Option<&'a RefinedExplanation>,
+) -> Option<&'a RefinedExplanation> {
     let both = a.into_iter().chain(b);
     both.max_by(|a, b| a.ln_evidence.total_cmp(&b.ln_evidence))
 }

@@ -1,11 +1,11 @@
 //! The memory that a recognition works in, with the observed dots and their pairs.
 
 use super::matching::Matching;
-use super::model::Dot;
+use super::model::PreparedDot;
 use super::naming::Naming;
 use super::pairs::PatternPairs;
-use super::posterior::{Found, NullHypothesis};
-use super::refine::Refiner;
+use super::posterior::{FoundInView, NullHypothesis};
+use super::refine::ExplanationRefiner;
 use super::screen::Screen;
 use crate::recognize::Explanations;
 
@@ -18,15 +18,15 @@ const CAPACITY: usize = 64;
 /// Scratch memory of [`RobustRecognizer`](super::RobustRecognizer).
 #[derive(Debug, Default)]
 pub struct RobustWorkspace {
-    pub(super) dots: Vec<Dot>,
+    pub(super) dots: Vec<PreparedDot>,
     pub(super) pairs: Vec<ObservedPair>,
     used: Vec<bool>,
     pub(super) screen: Screen,
-    pub(super) refiner: Refiner,
+    pub(super) refiner: ExplanationRefiner,
     pub(super) naming: Naming,
     pub(super) matching: Matching,
-    pub(super) found: Found,
-    pub(super) mirrored: Found,
+    pub(super) found: FoundInView,
+    pub(super) mirrored: FoundInView,
     pub(super) explanations: Explanations,
     /// The null hypothesis of this view, where it is not the recognizer's.
     pub(super) null: Option<NullHypothesis>,
@@ -52,11 +52,11 @@ impl RobustWorkspace {
             pairs: Vec::with_capacity(CAPACITY * CAPACITY / 2),
             used: Vec::with_capacity(CAPACITY),
             screen: Screen::with_capacity_for(CAPACITY, pairs.row()),
-            refiner: Refiner::with_capacity_for(CAPACITY, pattern),
+            refiner: ExplanationRefiner::with_capacity_for(CAPACITY, pattern),
             naming: Naming::with_capacity_for(CAPACITY),
             matching: Matching::with_capacity_for(CAPACITY, pattern),
-            found: Found::with_capacity_for(CAPACITY),
-            mirrored: Found::with_capacity_for(CAPACITY),
+            found: FoundInView::with_capacity_for(CAPACITY),
+            mirrored: FoundInView::with_capacity_for(CAPACITY),
             explanations: Explanations::with_capacity_for(CAPACITY),
             null: None,
         }

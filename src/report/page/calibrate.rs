@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{PAGE, Page};
+use super::{PAGE, PageData};
 use crate::calibrate::DotState;
 use crate::error::{Error, Result};
 use crate::files;
@@ -82,7 +82,7 @@ impl CalibrationPage {
     pub fn html(&self) -> Result<String> {
         let report = &self.report;
         let measured = report.dots.iter().filter(|d| d.state == DotState::Measured);
-        Page {
+        PageData {
             kind: "calibrate",
             title: &format!("Calibrated ball {:.12}", report.pattern_sha256),
             subtitle: &format!(

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::{PAGE, Page};
+use super::{PAGE, PageData};
 use crate::error::Result;
 use crate::files;
 use crate::report::compare::{Comparison, Contest, Entry, PatternMeasures};
@@ -58,7 +58,7 @@ impl Comparison {
             dot_angle_rad: (size.hole_diameter_mm / size.ball_diameter_mm).asin(),
             command,
         };
-        Page {
+        PageData {
             kind: "compare",
             title: &format!("Patterns compared: {}", names.join(", ")),
             subtitle: &format!(

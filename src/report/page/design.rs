@@ -9,11 +9,11 @@ use serde_json::Value;
 
 use super::features::{DotFeatures, PageFeatures, dot_features};
 use super::stencil::PageStencil;
-use super::{PAGE, Page, rounded};
+use super::{PAGE, PageData, rounded};
 use crate::ball::ObjectiveRecord;
 use crate::design::CameraRank;
 use crate::design::objective::bound::BoundSummary;
-use crate::design::{Candidate, DesignViews, KeepOut, Milestone};
+use crate::design::{DesignCandidate, DesignViews, KeepOut, Milestone};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::recognize::paper::FeatureTree;
@@ -140,7 +140,7 @@ impl PageRanking {
 
 impl PageSearch {
     fn of(report: &DesignReport) -> Self {
-        let finalist = |f: &Candidate| PageFinalist {
+        let finalist = |f: &DesignCandidate| PageFinalist {
             start: f.start,
             value: f.value,
             answered: f.answered,
@@ -231,7 +231,7 @@ impl DesignPage {
     /// [`Error::Internal`] where the data are no JSON.
     pub fn html(&self) -> Result<String> {
         let tag = &self.sha256[..12.min(self.sha256.len())];
-        Page {
+        PageData {
             kind: "design",
             title: &format!("Dot pattern {tag}"),
             subtitle: &format!(

@@ -4,7 +4,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
 
-use super::{Page, rounded};
+use super::{PageData, rounded};
 use crate::ball::Ball;
 use crate::clip::{NamedFrame, SequenceOutcome};
 use crate::design::KeepOut;
@@ -236,7 +236,7 @@ impl EstimatePage {
                 format!("{} balls", several.len()),
             ),
         };
-        Page {
+        PageData {
             kind: "estimate",
             title,
             subtitle: &format!(

@@ -49,7 +49,7 @@ const SCRIPTS: [&str; 9] = [
 
 /// A page's words and data.
 #[derive(Debug, Serialize)]
-struct Page<'a, T> {
+struct PageData<'a, T> {
     /// Which script draws it.
     kind: &'static str,
     title: &'a str,
@@ -57,7 +57,7 @@ struct Page<'a, T> {
     content: &'a T,
 }
 
-impl<T: Serialize> Page<'_, T> {
+impl<T: Serialize> PageData<'_, T> {
     /// The whole file.
     ///
     /// # Errors
@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn data_cannot_leave_their_element() {
         let evil = "</script><script>alert(1)</script>{{script}}<!--";
-        let page = Page {
+        let page = PageData {
             kind: "design",
             title: evil,
             subtitle: evil,
@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn nothing_is_fetched() {
-        let page = Page {
+        let page = PageData {
             kind: "design",
             title: "t",
             subtitle: "s",

@@ -31,7 +31,7 @@ use super::windows::spin_over_time;
 use super::{Fit, Measurement};
 use crate::geometry::{Rotation, Vec3, turned_covariance};
 use crate::stats::median;
-use smoother::{Base, Path, ProcessPrior, trapezes};
+use smoother::{Base, ProcessPrior, SmoothPath, trapezes};
 
 /// Orientations without which there is no free motion: its change is learned from them.
 pub const MIN_ORIENTATIONS: usize = 8;
@@ -195,7 +195,7 @@ struct Setting<'a> {
     config: &'a SpinConfig,
     base: Base,
     /// Where a path begins.
-    start: Path,
+    start: SmoothPath,
     prior: ProcessPrior,
     /// The largest density of the change.
     most: f64,
@@ -224,7 +224,7 @@ pub(super) fn free_about(
         .at(measurements[0].time_s)
         .sigma_rad
         .unwrap_or(config.sigma_rad);
-    let start = Path::of_base(&base, measurements, sigma_rad);
+    let start = SmoothPath::of_base(&base, measurements, sigma_rad);
     let setting = Setting::new(measurements, config, base, start)?;
     let unmoved = setting.settled(0.0, setting.start.clone(), LAST_STEPS)?;
     let mut paths = setting.scanned((0..CHANGES).rev());
@@ -239,7 +239,7 @@ pub(super) fn free_about(
     let few = (unmoved.inliers() as f64) < FOLLOWED * n as f64;
     if few && let Some(other) = Setting::of_runs(measurements, config) {
         let others = other.scanned(0..CHANGES);
-        let best = |paths: &[(f64, Path)]| {
+        let best = |paths: &[(f64, SmoothPath)]| {
             let all = paths.iter().map(|(_, p)| p.ln_evidence);
             all.fold(f64::NEG_INFINITY, f64::max)
         };
@@ -274,7 +274,7 @@ pub(super) fn is_searched(measurements: &[Measurement]) -> bool {
 }
 
 /// The logarithm of the mean evidence over the rates of change that were tried.
-fn ln_mean(paths: &[(f64, Path)]) -> f64 {
+fn ln_mean(paths: &[(f64, SmoothPath)]) -> f64 {
     let lns = || paths.iter().map(|(_, path)| path.ln_evidence);
     let top = lns().fold(f64::NEG_INFINITY, f64::max);
     let sum: f64 = lns().map(|ln| (ln - top).exp()).sum();
@@ -286,7 +286,7 @@ impl<'a> Setting<'a> {
         measurements: &'a [Measurement],
         config: &'a SpinConfig,
         base: Base,
-        start: Path,
+        start: SmoothPath,
     ) -> Option<Self> {
         let weights = trapezes(measurements);
         let spins = base.spins.iter().zip(&start.beside).map(|(b, v)| b + v);
@@ -364,19 +364,19 @@ impl<'a> Setting<'a> {
             orientations: measurements.iter().map(|m| steady.at(m.time_s)).collect(),
             spins: vec![mean; measurements.len()],
         };
-        let start = Path {
+        let start = SmoothPath {
             orientations,
             beside: measurements
                 .iter()
                 .map(|m| spin_at(m.time_s) - mean)
                 .collect(),
             right,
-            ..Path::of_base(&base, measurements, sigma_rad)
+            ..SmoothPath::of_base(&base, measurements, sigma_rad)
         };
         Self::new(measurements, config, base, start)
     }
 
-    fn settled(&self, change: f64, start: Path, steps: usize) -> Option<Path> {
+    fn settled(&self, change: f64, start: SmoothPath, steps: usize) -> Option<SmoothPath> {
         let prior = ProcessPrior {
             change,
             ..self.prior
@@ -385,8 +385,8 @@ impl<'a> Setting<'a> {
     }
 
     /// The paths of all rates of change, each from the one before, in this order; the first is that of the fastest change.
-    fn scanned(&self, order: impl Iterator<Item = usize>) -> Vec<(f64, Path)> {
-        let mut paths: Vec<(f64, Path)> = Vec::with_capacity(CHANGES);
+    fn scanned(&self, order: impl Iterator<Item = usize>) -> Vec<(f64, SmoothPath)> {
+        let mut paths: Vec<(f64, SmoothPath)> = Vec::with_capacity(CHANGES);
         for k in order {
             let change = self.most * FACTOR.powi(-(k as i32));
             let start = paths.last().map_or(&self.start, |(_, path)| path).clone();
@@ -400,7 +400,7 @@ impl<'a> Setting<'a> {
     }
 
     /// The likeliest path as a motion.
-    fn finished(&self, paths: &[(f64, Path)], ln_bayes_factor: f64) -> Option<FreeFit> {
+    fn finished(&self, paths: &[(f64, SmoothPath)], ln_bayes_factor: f64) -> Option<FreeFit> {
         let ln = |k: usize| paths.get(k).map(|(_, path)| path.ln_evidence);
         let evidence = |k: &usize| paths[*k].1.ln_evidence;
         let best = (0..paths.len()).max_by(|a, b| evidence(a).total_cmp(&evidence(b)))?;
@@ -461,7 +461,7 @@ impl<'a> Setting<'a> {
 
     /// The covariance of an error of all spins alike: the frame's turn, the clock's rate, and where the ball turns fast what its drawn dots
     /// tilt the axis by.
-    fn common(&self, mean: &Vec3, path: &Path) -> Matrix3<f64> {
+    fn common(&self, mean: &Vec3, path: &SmoothPath) -> Matrix3<f64> {
         let off = mean * self.config.clock_rate_std;
         let clock = off * off.transpose();
         let Some(shared) = &self.config.shared else {

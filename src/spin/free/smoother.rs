@@ -26,7 +26,7 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 
 use crate::geometry::{Rotation, Vec3, left_jacobian};
 use crate::spin::Measurement;
-use crate::spin::mixture::{Noise, ROTATION_VOLUME, inlier_probability, trusted};
+use crate::spin::mixture::{NoiseVariance, ROTATION_VOLUME, inlier_probability, trusted};
 
 /// Variance of a normal distribution as dense at its middle as an orientation that nothing is known of, rad^2.
 const ANY_ORIENTATION: f64 = 2.930_4;
@@ -55,12 +55,12 @@ pub(super) struct ProcessPrior {
     pub turning: Option<Matrix3<f64>>,
     /// Variance that neighbors in time share beside their noise, rad^2 of a single one.
     pub shared: f64,
-    pub noise: Noise,
+    pub noise: NoiseVariance,
 }
 
 /// A path.
 #[derive(Debug, Clone)]
-pub(super) struct Path {
+pub(super) struct SmoothPath {
     pub orientations: Vec<Rotation>,
     /// The spins beside the base's, rad/s.
     pub beside: Vec<Vec3>,
@@ -81,7 +81,7 @@ pub(super) struct Path {
     pub jump: f64,
 }
 
-impl Path {
+impl SmoothPath {
     /// The base itself.
     pub fn of_base(base: &Base, measurements: &[Measurement], sigma_rad: f64) -> Self {
         let right = measurements.iter().zip(&base.orientations).map(|(m, r)| {
@@ -157,11 +157,11 @@ impl<const S: usize> Filtered<S> {
 
 /// The path after a step of the smoother, its probabilities and its noise; the evidence is that of the given one.
 fn improved<const S: usize>(
-    path: &Path,
+    path: &SmoothPath,
     measurements: &[Measurement],
     base: &Base,
     prior: &ProcessPrior,
-) -> Option<Path> {
+) -> Option<SmoothPath> {
     let (filtered, ln_evidence) = filtered::<S>(path, measurements, base, prior)?;
     let n = measurements.len();
     let mut next = path.clone();
@@ -204,7 +204,7 @@ fn improved<const S: usize>(
 
 /// The filter about a path, and its evidence; `None` where a covariance is none.
 fn filtered<const S: usize>(
-    path: &Path,
+    path: &SmoothPath,
     measurements: &[Measurement],
     base: &Base,
     prior: &ProcessPrior,
@@ -256,7 +256,7 @@ fn filtered<const S: usize>(
 
 /// The state about a path before the first frame, and its covariance.
 fn before<const S: usize>(
-    path: &Path,
+    path: &SmoothPath,
     prior: &ProcessPrior,
 ) -> (SVector<f64, S>, SMatrix<f64, S, S>) {
     let mut state = SVector::<f64, S>::zeros();
@@ -295,7 +295,7 @@ struct ProcessStep<const S: usize> {
 
 impl<const S: usize> ProcessStep<S> {
     fn of(
-        path: &Path,
+        path: &SmoothPath,
         base: &Base,
         prior: &ProcessPrior,
         measurements: &[Measurement],
@@ -355,7 +355,7 @@ impl<const S: usize> ProcessStep<S> {
     }
 }
 
-impl Path {
+impl SmoothPath {
     /// The probabilities of the measurements and their noise that go with the path.
     fn judge(&mut self, measurements: &[Measurement], prior: &ProcessPrior) {
         let (mut support, mut squares) = (0.0, 0.0);

@@ -32,10 +32,10 @@ use super::motion::Motion;
 use crate::geometry::Vec3;
 use noise::posterior;
 pub(super) use noise::{
-    MAX_GAINFUL_VARIANCE, Noise, ROTATION_VOLUME, inlier_probability, ln_likelihood_of_outliers,
-    peak_gain, trusted,
+    MAX_GAINFUL_VARIANCE, NoiseVariance, ROTATION_VOLUME, inlier_probability,
+    ln_likelihood_of_outliers, peak_gain, trusted,
 };
-pub(super) use normal::{Blocks, Normal, RatePrior, Spread};
+pub(super) use normal::{Blocks, RatePrior, RateSpread, WeightedNormal};
 
 /// Steps while a fit grows from its first frames to the whole sequence.
 const GROWTH_STEPS: usize = 40;
@@ -98,8 +98,8 @@ impl LnProduct {
 
 /// Everything that one pass over the measurements yields.
 #[derive(Debug, Clone, Copy)]
-struct Pass<const P: usize> {
-    normal: Normal<P>,
+struct MixturePass<const P: usize> {
+    normal: WeightedNormal<P>,
     support: f64,
     expected: f64,
     squares: f64,
@@ -109,9 +109,9 @@ struct Pass<const P: usize> {
     objective: f64,
 }
 
-impl<const P: usize> Pass<P> {
-    fn settled<M>(&self, motion: M, sigma_rad: f64, degrees: f64) -> Settled<M> {
-        Settled {
+impl<const P: usize> MixturePass<P> {
+    fn settled<M>(&self, motion: M, sigma_rad: f64, degrees: f64) -> SettledMotion<M> {
+        SettledMotion {
             motion,
             sigma_rad,
             degrees,
@@ -135,7 +135,7 @@ fn lead(ratio: f64) -> f64 {
 
 /// The frames that a growing fit has reached.
 struct Reached<const P: usize> {
-    normal: Normal<P>,
+    normal: WeightedNormal<P>,
     frames: usize,
     support: f64,
     expected: f64,
@@ -146,7 +146,7 @@ struct Reached<const P: usize> {
 impl<const P: usize> Reached<P> {
     fn new() -> Self {
         Self {
-            normal: Normal::new(),
+            normal: WeightedNormal::new(),
             frames: 0,
             support: 0.0,
             expected: 0.0,
@@ -160,11 +160,11 @@ impl<const P: usize> Reached<P> {
         m: &Measurement,
         error: &Vec3,
         jacobian: &SMatrix<f64, 3, P>,
-        spread: &Spread<P>,
+        spread: &RateSpread<P>,
         sigma_rad: f64,
     ) -> bool {
         let extra = spread.variance(jacobian);
-        if !Spread::<P>::is_good(extra) {
+        if !RateSpread::<P>::is_good(extra) {
             return false;
         }
         let own = (sigma_rad * m.sigma_scale).powi(2);
@@ -181,7 +181,7 @@ impl<const P: usize> Reached<P> {
 
 /// A motion at a maximum of the likelihood.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Settled<M> {
+pub(super) struct SettledMotion<M> {
     pub motion: M,
     /// Noise per axis, radians.
     pub sigma_rad: f64,
@@ -210,7 +210,7 @@ pub(super) struct Unsettled {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Mixture<'a, const P: usize> {
     pub measurements: &'a [Measurement],
-    pub noise: Noise,
+    pub noise: NoiseVariance,
     pub prior: RatePrior<P>,
 }
 
@@ -225,7 +225,7 @@ impl<const P: usize> Mixture<'_, P> {
         &self,
         motion: M,
         known: Range<usize>,
-        spread: Spread<P>,
+        spread: RateSpread<P>,
     ) -> Option<M> {
         let (before, after) = self.measurements.split_at(known.start + known.len() / 2);
         let (mut motion, mut spread) = (motion, spread);
@@ -258,7 +258,7 @@ impl<const P: usize> Mixture<'_, P> {
             }
             // More noise than expected makes predictions worse than expected.
             let squares = reached.squares * sigma_rad * sigma_rad;
-            let growing = Noise {
+            let growing = NoiseVariance {
                 degrees: self.noise.degrees + GROWTH_DEGREES,
                 ..self.noise
             };
@@ -267,7 +267,7 @@ impl<const P: usize> Mixture<'_, P> {
             spread = step.spread(&reached.normal, (noise / sigma_rad).powi(2));
             sigma_rad = noise;
             let is_next_good = |m: Option<&Measurement>| {
-                m.is_some_and(|m| Spread::<P>::is_good(spread.variance(&jacobian(m).1)))
+                m.is_some_and(|m| RateSpread::<P>::is_good(spread.variance(&jacobian(m).1)))
             };
             let grows =
                 is_next_good(after.get(later)) || is_next_good(before.iter().rev().nth(earlier));
@@ -282,7 +282,7 @@ impl<const P: usize> Mixture<'_, P> {
 
     /// Climbs to a maximum of the likelihood and estimates the noise; [`Unsettled`] where it does not
     /// converge, or the maximum is flat, or the motion does not hold over many frames.
-    pub fn settle<M: Motion<P>>(&self, start: M) -> Result<Settled<M>, Unsettled> {
+    pub fn settle<M: Motion<P>>(&self, start: M) -> Result<SettledMotion<M>, Unsettled> {
         self.settle_within(start, MAX_STEPS)
     }
 
@@ -291,7 +291,7 @@ impl<const P: usize> Mixture<'_, P> {
         &self,
         start: M,
         max_steps: usize,
-    ) -> Result<Settled<M>, Unsettled> {
+    ) -> Result<SettledMotion<M>, Unsettled> {
         let (mut motion, mut sigma_rad) = (start, self.noise.sigma_rad);
         let mut pass = self.pass(&motion, sigma_rad);
         let (mut damping, mut last_length) = (0.0, f64::INFINITY);
@@ -353,8 +353,8 @@ impl<const P: usize> Mixture<'_, P> {
     }
 
     /// One pass over the measurements.
-    fn pass<M: Motion<P>>(&self, motion: &M, sigma_rad: f64) -> Pass<P> {
-        let mut normal = Normal::new();
+    fn pass<M: Motion<P>>(&self, motion: &M, sigma_rad: f64) -> MixturePass<P> {
+        let mut normal = WeightedNormal::new();
         let (mut support, mut expected, mut squares, mut inliers) = (0.0, 0.0, 0.0, 0);
         let mut likelihood = LnProduct::ONE;
         let jacobian = motion.jacobian();
@@ -373,7 +373,7 @@ impl<const P: usize> Mixture<'_, P> {
         }
         let log_likelihood = likelihood.ln();
         let log_posterior = log_likelihood + self.prior.pull(&motion.rates()).0;
-        Pass {
+        MixturePass {
             normal,
             support,
             expected,
@@ -386,14 +386,14 @@ impl<const P: usize> Mixture<'_, P> {
     }
 
     /// How far a maximum's predictions are off.
-    pub fn spread<M: Motion<P>>(&self, at: &Settled<M>) -> Option<Spread<P>> {
+    pub fn spread<M: Motion<P>>(&self, at: &SettledMotion<M>) -> Option<RateSpread<P>> {
         let normal = self.pass(&at.motion, at.sigma_rad).normal;
         let step = normal.step(&at.motion.rates(), &self.prior, 0.0)?;
         Some(step.spread(&normal, 1.0))
     }
 
     /// For each frame the probability that it is an inlier.
-    pub fn probabilities<M: Motion<P>>(&self, at: &Settled<M>) -> Vec<f64> {
+    pub fn probabilities<M: Motion<P>>(&self, at: &SettledMotion<M>) -> Vec<f64> {
         let jacobian = at.motion.jacobian();
         let probability = |m: &Measurement| {
             let variance = (at.sigma_rad * m.sigma_scale).powi(2);
@@ -409,7 +409,7 @@ impl<const P: usize> Mixture<'_, P> {
     /// definite; with `is_membership_known` nothing is subtracted.
     pub fn covariance<M: Motion<P>>(
         &self,
-        at: &Settled<M>,
+        at: &SettledMotion<M>,
         is_membership_known: bool,
         mut probability: impl FnMut(f64),
     ) -> Option<Blocks<P>> {
@@ -474,7 +474,7 @@ mod tests {
 
     #[test]
     fn what_has_not_converged_is_no_fit() {
-        let noise = Noise {
+        let noise = NoiseVariance {
             sigma_rad: 0.035,
             degrees: 4.0,
         };

@@ -14,14 +14,14 @@ const MAX_NOISE: f64 = 5.0;
 
 /// Knowledge of the noise: a scaled inverse chi-squared distribution for its variance.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::spin) struct Noise {
+pub(in crate::spin) struct NoiseVariance {
     /// Noise per axis, radians.
     pub sigma_rad: f64,
     /// Weight of the prior, in degrees of freedom; infinite: the noise is known.
     pub degrees: f64,
 }
 
-impl Noise {
+impl NoiseVariance {
     /// Noise that is known.
     pub fn known(sigma_rad: f64) -> Self {
         Self {

@@ -39,7 +39,7 @@ impl<const P: usize> RatePrior<P> {
 /// How far a motion's predictions are off: the variance of its orientation, and the covariance of its
 /// rates with the mean derivative about which they act.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::spin) struct Spread<const P: usize> {
+pub(in crate::spin) struct RateSpread<const P: usize> {
     /// Variance per axis at the mean derivative, rad^2.
     pub level: f64,
     pub center: SMatrix<f64, 3, P>,
@@ -47,7 +47,7 @@ pub(in crate::spin) struct Spread<const P: usize> {
     pub rates: SMatrix<f64, P, P>,
 }
 
-impl<const P: usize> Spread<P> {
+impl<const P: usize> RateSpread<P> {
     /// Variance per axis of the prediction with this derivative, rad^2.
     pub(super) fn variance(&self, jacobian: &SMatrix<f64, 3, P>) -> f64 {
         let off = jacobian - self.center;
@@ -109,7 +109,7 @@ impl<const P: usize> Blocks<P> {
 
 /// The normal equations of a weighted step.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::spin) struct Normal<const P: usize> {
+pub(in crate::spin) struct WeightedNormal<const P: usize> {
     pub(super) weight: f64,
     jacobian: SMatrix<f64, 3, P>,
     squared: SMatrix<f64, P, P>,
@@ -118,7 +118,7 @@ pub(in crate::spin) struct Normal<const P: usize> {
 }
 
 /// A solution of the normal equations.
-pub(super) struct Step<const P: usize> {
+pub(super) struct MixtureStep<const P: usize> {
     pub turn: Vec3,
     pub rates: SVector<f64, P>,
     /// Square length in standard deviations.
@@ -127,10 +127,10 @@ pub(super) struct Step<const P: usize> {
     pub center: SMatrix<f64, 3, P>,
 }
 
-impl<const P: usize> Step<P> {
+impl<const P: usize> MixtureStep<P> {
     /// How far predictions are off after this step of `normal`.
-    pub(super) fn spread(&self, normal: &Normal<P>, widening: f64) -> Spread<P> {
-        Spread {
+    pub(super) fn spread(&self, normal: &WeightedNormal<P>, widening: f64) -> RateSpread<P> {
+        RateSpread {
             level: widening / normal.weight,
             center: self.center,
             rates: self.solved.inverse() * widening,
@@ -138,7 +138,7 @@ impl<const P: usize> Step<P> {
     }
 }
 
-impl<const P: usize> Normal<P> {
+impl<const P: usize> WeightedNormal<P> {
     pub fn new() -> Self {
         Self {
             weight: 0.0,
@@ -181,7 +181,7 @@ impl<const P: usize> Normal<P> {
         rates: &SVector<f64, P>,
         prior: &RatePrior<P>,
         damping: f64,
-    ) -> Option<Step<P>> {
+    ) -> Option<MixtureStep<P>> {
         let center = self.jacobian / self.weight;
         let gradient = self.pull + prior.pull(rates).1 - center.tr_mul(&self.error);
         let mut information =
@@ -197,7 +197,7 @@ impl<const P: usize> Normal<P> {
         }
         let change = solved.solve(&gradient);
         let length = change.dot(&gradient) + self.error.norm_squared() / self.weight;
-        Some(Step {
+        Some(MixtureStep {
             turn: self.error / self.weight - center * change,
             rates: change,
             length,

@@ -122,7 +122,7 @@ impl LocalFrame {
     }
 
     /// What `time_s` at this spin turns.
-    fn turn(&self, time_s: f64) -> Turn {
+    fn turn(&self, time_s: f64) -> AxisTurn {
         let theta = self.rate * time_s;
         let (sin, cos) = (0.5 * theta).sin_cos();
         let lever = if theta.abs() < SMALL_ANGLE {
@@ -132,7 +132,7 @@ impl LocalFrame {
             Complex::new(2.0 * sin * cos, 2.0 * sin * sin) * (time_s / theta)
         };
         let axis = self.basis.column(2);
-        Turn {
+        AxisTurn {
             back: Quaternion::new(cos, -sin * axis.x, -sin * axis.y, -sin * axis.z),
             lever,
             time_s,
@@ -141,7 +141,7 @@ impl LocalFrame {
 }
 
 /// A turn about the axis of a [`LocalFrame`].
-struct Turn {
+struct AxisTurn {
     /// The turn undone.
     back: Quaternion<f64>,
     /// `g` of the module's head.
@@ -149,7 +149,7 @@ struct Turn {
     time_s: f64,
 }
 
-impl Turn {
+impl AxisTurn {
     /// Derivative by the spin, local frame.
     fn by_spin(&self) -> Matrix3<f64> {
         let g = self.lever;

@@ -35,7 +35,7 @@ pub struct PatchDot {
 
 /// A patch with its truth.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sample {
+pub struct DotSample {
     /// The patch.
     pub patch: Patch,
     /// Its dots.
@@ -43,7 +43,7 @@ pub struct Sample {
 }
 
 /// A patch of a frame, with its circle displaced by the error of a fit.
-pub fn sample<R: Rng + ?Sized>(frame: &Rendering, rng: &mut R) -> Sample {
+pub fn sample<R: Rng + ?Sized>(frame: &Rendering, rng: &mut R) -> DotSample {
     let gray = frame.image.to_gray();
     let far = if rng.random_bool(BAD_CIRCLES) {
         3.0
@@ -69,7 +69,7 @@ pub fn sample<R: Rng + ?Sized>(frame: &Rendering, rng: &mut R) -> Sample {
             certain: dot.is_visible(),
         })
         .collect();
-    Sample { patch, dots }
+    DotSample { patch, dots }
 }
 
 /// The targets of a sample's dots, rotated and mirrored with its patch, in the order of

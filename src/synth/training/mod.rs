@@ -27,7 +27,7 @@ use crate::error::Result;
 use crate::vision::dots::patch::{MIDDLE, Patch, RADIUS, SIZE};
 use crate::vision::net::graph::Head;
 use crate::vision::net::network::{Activations, Network};
-use crate::vision::net::weights::{Calibration, Layer};
+use crate::vision::net::weights::{ConvolutionNumbers, OutputCalibration};
 use crate::vision::optics::camera::Pixel;
 
 pub mod dots;
@@ -209,7 +209,7 @@ fn training_frame(config: &SynthConfig, rng: &mut ChaCha8Rng) -> Result<Renderin
 
 /// Samples to train on, one after the other.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Batch {
+pub struct TrainingBatch {
     /// Samples.
     pub len: usize,
     /// Gray values as the nets see them: (n, side, side).
@@ -222,12 +222,12 @@ pub struct Batch {
 ///
 /// # Errors
 /// [`Error::Argument`](crate::Error::Argument) where a scene cannot be drawn.
-pub fn batch(head: Head, seed: u64, frames: Range<u64>) -> Result<Batch> {
+pub fn batch(head: Head, seed: u64, frames: Range<u64>) -> Result<TrainingBatch> {
     let config = distribution(head);
-    let draw = |frame: u64| -> Result<Batch> {
+    let draw = |frame: u64| -> Result<TrainingBatch> {
         let mut rng = frame_rng(FrameSet::Train.seed(seed), frame);
         let rendering = training_frame(&config, &mut rng)?;
-        let mut batch = Batch::default();
+        let mut batch = TrainingBatch::default();
         for _ in 0..samples_per_frame(head) {
             let (patch, targets) = match head {
                 Head::Dots | Head::DotsLarge => {
@@ -249,7 +249,7 @@ pub fn batch(head: Head, seed: u64, frames: Range<u64>) -> Result<Batch> {
         }
         Ok(batch)
     };
-    let mut all = Batch::default();
+    let mut all = TrainingBatch::default();
     for batch in concurrency::map_range(frames, draw) {
         let batch = batch?;
         all.len += batch.len;
@@ -278,9 +278,9 @@ pub fn world_sha256(head: Head, seed: u64) -> Result<String> {
 
 /// Samples that a net does not train on, one a frame.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Samples {
+pub enum HeldOutSamples {
     /// Of a net for dots.
-    Dots(Head, Vec<dots::Sample>),
+    Dots(Head, Vec<dots::DotSample>),
     /// Of the net for outlines.
     Outline(Vec<outlines::OutlineSample>),
 }
@@ -295,7 +295,7 @@ pub enum Score {
     Outline(OutlineScore),
 }
 
-impl Samples {
+impl HeldOutSamples {
     /// Draws the first frames of a set.
     ///
     /// # Errors
@@ -322,7 +322,7 @@ impl Samples {
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) where the layers are not those of the net.
-    pub fn cells(&self, layers: &[Layer]) -> Result<Vec<Vec<f32>>> {
+    pub fn cells(&self, layers: &[ConvolutionNumbers]) -> Result<Vec<Vec<f32>>> {
         cells_of(self.head(), layers, self.patches().into_par_iter())
     }
 
@@ -338,15 +338,15 @@ impl Samples {
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) where the layers are not those of the net.
-    pub fn calibrate(&self, layers: &[Layer]) -> Result<Calibration> {
+    pub fn calibrate(&self, layers: &[ConvolutionNumbers]) -> Result<OutputCalibration> {
         Ok(match self {
             Self::Dots(head, samples) => {
-                let raw = Calibration::default();
+                let raw = OutputCalibration::default();
                 score::calibrate(&match_all(*head, layers, samples, &raw)?)
             }
-            Self::Outline(samples) => Calibration {
+            Self::Outline(samples) => OutputCalibration {
                 covariance_factor: outlines::covariance_factor(&outline_errors(layers, samples)?),
-                ..Calibration::default()
+                ..OutputCalibration::default()
             },
         })
     }
@@ -355,7 +355,11 @@ impl Samples {
     ///
     /// # Errors
     /// [`Error::Argument`](crate::Error::Argument) where the layers are not those of the net.
-    pub fn score(&self, layers: &[Layer], calibration: &Calibration) -> Result<Score> {
+    pub fn score(
+        &self,
+        layers: &[ConvolutionNumbers],
+        calibration: &OutputCalibration,
+    ) -> Result<Score> {
         Ok(match self {
             Self::Dots(head, samples) => {
                 let matched = match_all(*head, layers, samples, calibration)?;
@@ -423,7 +427,7 @@ impl std::fmt::Display for Score {
 /// Runs a net on patches, as the estimator runs it.
 fn cells_of<'a>(
     head: Head,
-    layers: &[Layer],
+    layers: &[ConvolutionNumbers],
     patches: impl IndexedParallelIterator<Item = &'a Patch>,
 ) -> Result<Vec<Vec<f32>>> {
     let network = Network::new(head, layers)?;
@@ -433,7 +437,7 @@ fn cells_of<'a>(
 
 /// The errors of the circles that a net gives on samples.
 fn outline_errors(
-    layers: &[Layer],
+    layers: &[ConvolutionNumbers],
     samples: &[outlines::OutlineSample],
 ) -> Result<Vec<outlines::OutlineError>> {
     let cells = cells_of(Head::Outline, layers, samples.par_iter().map(|s| &s.patch))?;
@@ -444,9 +448,9 @@ fn outline_errors(
 /// The peaks of a net on samples, matched with their dots.
 fn match_all(
     head: Head,
-    layers: &[Layer],
-    samples: &[dots::Sample],
-    calibration: &Calibration,
+    layers: &[ConvolutionNumbers],
+    samples: &[dots::DotSample],
+    calibration: &OutputCalibration,
 ) -> Result<Vec<score::MatchedPeak>> {
     let cells = cells_of(head, layers, samples.par_iter().map(|s| &s.patch))?;
     let mut matched = Vec::new();
@@ -464,8 +468,8 @@ mod tests {
     fn the_sets_share_no_frame() {
         let mut patches: Vec<Patch> = Vec::new();
         for set in FrameSet::ALL {
-            let drawn = Samples::draw(Head::Dots, 0, set, 3).expect("frames");
-            let Samples::Dots(_, samples) = drawn else {
+            let drawn = HeldOutSamples::draw(Head::Dots, 0, set, 3).expect("frames");
+            let HeldOutSamples::Dots(_, samples) = drawn else {
                 panic!("samples of another net");
             };
             patches.extend(samples.into_iter().map(|s| s.patch));

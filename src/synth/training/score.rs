@@ -6,9 +6,9 @@
 //! squared Mahalanobis length of the errors is that of two Gaussian dimensions, `2 ln 2`.
 
 use crate::vision::dots::net::{Peak, find_peaks};
-use crate::vision::net::weights::Calibration;
+use crate::vision::net::weights::OutputCalibration;
 
-use super::dots::Sample;
+use super::dots::DotSample;
 
 /// Maximum distance of a peak to its dot, in the patch's pixels.
 pub const MATCH: f64 = 3.0;
@@ -63,8 +63,8 @@ impl DotScore {
 /// undecidable dots are left out.
 pub fn match_peaks(
     cells: &[f32],
-    sample: &Sample,
-    calibration: &Calibration,
+    sample: &DotSample,
+    calibration: &OutputCalibration,
     matched: &mut Vec<MatchedPeak>,
 ) {
     let mut peaks = Vec::new();
@@ -92,7 +92,7 @@ pub fn match_peaks(
 }
 
 /// The score of peaks with at least the given probability.
-pub fn score(matched: &[MatchedPeak], samples: &[Sample], min_probability: f64) -> DotScore {
+pub fn score(matched: &[MatchedPeak], samples: &[DotSample], min_probability: f64) -> DotScore {
     let shown = || {
         matched
             .iter()
@@ -115,7 +115,7 @@ pub fn score(matched: &[MatchedPeak], samples: &[Sample], min_probability: f64) 
 }
 
 /// Fits the calibration to peaks that were read with the default one.
-pub fn calibrate(matched: &[MatchedPeak]) -> Calibration {
+pub fn calibrate(matched: &[MatchedPeak]) -> OutputCalibration {
     let seen: Vec<&MatchedPeak> = matched
         .iter()
         .filter(|j| j.peak.probability > MIN_PROBABILITY)
@@ -148,7 +148,7 @@ pub fn calibrate(matched: &[MatchedPeak]) -> Calibration {
         .collect();
     lengths.sort_unstable_by(f64::total_cmp);
     let median = lengths.get(lengths.len() / 2).copied();
-    Calibration {
+    OutputCalibration {
         slope,
         offset,
         covariance_factor: median.map_or(1.0, |m| m / (2.0 * std::f64::consts::LN_2)),

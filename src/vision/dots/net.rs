@@ -12,7 +12,7 @@ use super::patch::Patch;
 use crate::error::{Error, Result};
 use crate::vision::net::graph::{CELLS, CHANNELS, Channel, Head};
 use crate::vision::net::network::{Activations, Network};
-use crate::vision::net::weights::{Calibration, Weights};
+use crate::vision::net::weights::{OutputCalibration, Weights};
 
 /// Peaks nearer to a stronger one than this, in the patch's values, are the same dot's.
 const SAME_DOT: f64 = 2.0;
@@ -35,7 +35,7 @@ pub struct CnnDetector {
 #[derive(Debug, Clone)]
 struct CalibratedNet {
     network: Network,
-    calibration: Calibration,
+    calibration: OutputCalibration,
 }
 
 impl CalibratedNet {
@@ -170,7 +170,7 @@ pub fn cell_center(cell: usize) -> f64 {
 /// All peaks of the cells with at least the given probability, the hottest first.
 pub fn find_peaks(
     cells: &[f32],
-    calibration: &Calibration,
+    calibration: &OutputCalibration,
     min_probability: f64,
     peaks: &mut Vec<Peak>,
 ) {
@@ -219,7 +219,7 @@ fn is_peak(cells: &[f32], row: usize, column: usize) -> bool {
         })
 }
 
-fn read_peak(cells: &[f32], row: usize, column: usize, calibration: &Calibration) -> Peak {
+fn read_peak(cells: &[f32], row: usize, column: usize, calibration: &OutputCalibration) -> Peak {
     let value = |channel: Channel| cells[(channel as usize * CELLS + row) * CELLS + column];
     let ln = |channel| f64::from(value(channel).clamp(LN_RANGE[0], LN_RANGE[1]));
     let (a, c) = (ln(Channel::LnA).exp(), ln(Channel::LnC).exp());

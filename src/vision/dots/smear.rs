@@ -24,7 +24,7 @@
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 
 pub use super::cap::DotBlur;
-use crate::fit::{Damping, Descent, Normal, Student};
+use crate::fit::{DampedDescent, Damping, Normal, Student};
 use crate::geometry::Vec3;
 use crate::vision::optics::camera::BallView;
 
@@ -381,7 +381,7 @@ impl<'a> Turned<'a> {
     }
 }
 
-impl Descent for Turned<'_> {
+impl DampedDescent for Turned<'_> {
     fn cost(&self) -> f64 {
         -self.ln_likelihood
     }

@@ -61,8 +61,8 @@ use super::outline::net::OutlineNet;
 use super::outline::recenter::{Recentered, Recentering};
 use super::outline::rim::RimFitter;
 use super::pose::pixels::{PixelsMatcher, PlacedDot};
-use super::pose::places::Alignment;
-use super::pose::refine::{Match, Placement, Refiner};
+use super::pose::places::PosedOutline;
+use super::pose::refine::{DrawnPlacement, Match, PoseRefiner};
 use super::pose::rotations::{RotationMatch, RotationSearch, SearchWorkspace};
 use crate::ball::Ball;
 use crate::error::Result;
@@ -80,7 +80,7 @@ pub struct Estimator {
     pub(crate) detector: DotDetector,
     /// For the likely detections, and for all.
     pub(crate) recognizers: [RobustRecognizer; 2],
-    pub(crate) refiner: Refiner,
+    pub(crate) refiner: PoseRefiner,
     /// Made when a frame first asks for it.
     pub(crate) rotation_search: OnceLock<RotationSearch>,
     /// Where the method uses it.
@@ -116,7 +116,7 @@ pub struct EstimatorWorkspace {
     pub(crate) recognizer: RobustWorkspace,
     pub(crate) search: SearchWorkspace,
     pub(crate) heat: Heat,
-    pub(crate) aligned: Vec<RotationMatch<Alignment>>,
+    pub(crate) aligned: Vec<RotationMatch<PosedOutline>>,
     pub(crate) by_pixels: PixelsMatcher,
     pub(crate) placed: Vec<PlacedDot>,
     /// The dots handed to the recognizer, and their detections.
@@ -189,12 +189,12 @@ impl Estimator {
         };
         let ball_mm = ball.sizes_mm(None, None)[0];
         let ball_radius_m = config.ball_radius_m.unwrap_or(0.5e-3 * ball_mm);
-        let refiner = Refiner::new(&config, ball_radius_m);
+        let refiner = PoseRefiner::new(&config, ball_radius_m);
         let (refiner, placement_variance) = match (ball.dot_covariances(), ball.placement()) {
             (Some(covariances), Some(placement)) => {
                 let measured = measured_dots(ball.pattern().dots(), covariances);
                 (
-                    refiner.with_placement(Placement::Measured(measured)),
+                    refiner.with_placement(DrawnPlacement::Measured(measured)),
                     placement.common_rad2 + MEASURED_DOT.powi(2),
                 )
             }

@@ -75,7 +75,7 @@ struct Hunt {
 
 /// The circles of a hunt that are tried one after the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Stage {
+enum CircleStage {
     /// Those that stand out.
     First,
     /// What these outshone, and the others.
@@ -89,7 +89,7 @@ enum PlanStep {
     At(Proposal),
     /// A ball whose rim was seen where it is expected is not elsewhere.
     EndIfSeen,
-    Coarse(Hunt, Stage),
+    Coarse(Hunt, CircleStage),
     /// Other outlines about the circle whose dots came nearest to an answer.
     Closer,
     /// All edges of a part that is too large for that, at a smaller scale.
@@ -244,7 +244,7 @@ impl Places {
 
     fn plan_hunt(&mut self, hunt: Hunt) {
         if !hunt.is_strip() {
-            let stages = [Stage::First, Stage::Beyond, Stage::Plain];
+            let stages = [CircleStage::First, CircleStage::Beyond, CircleStage::Plain];
             self.steps.extend(stages.map(|s| PlanStep::Coarse(hunt, s)));
             self.steps.push(PlanStep::Closer);
         }
@@ -279,14 +279,14 @@ impl Places {
         &mut self,
         image: &ImageView<'_>,
         hunt: &Hunt,
-        stage: Stage,
+        stage: CircleStage,
         min_radius: f64,
         search: &mut CoarseSearch,
     ) {
         let Hunt { part, level, .. } = *hunt;
         let radii = (hunt.radii.0.max(min_radius), hunt.radii.1);
         let found = match stage {
-            Stage::First => {
+            CircleStage::First => {
                 if !hunt.is_continued {
                     search.forget();
                 }
@@ -294,8 +294,8 @@ impl Places {
                 self.stood_out = coarse::standing_out(found);
                 &found[..self.stood_out]
             }
-            Stage::Beyond => search.search_beyond(self.stood_out, level, radii),
-            Stage::Plain => search.search_plain(level, radii),
+            CircleStage::Beyond => search.search_beyond(self.stood_out, level, radii),
+            CircleStage::Plain => search.search_plain(level, radii),
         };
         let grid = Grid::of(&part, 0);
         self.proposals.extend(found.iter().map(|rough| Proposal {

@@ -16,7 +16,7 @@ use crate::vision::frame::prior::{Budget, OutlinePrior, Prior, Spending};
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::optics::crop::Crop;
 use crate::vision::outline::circle::NoBall;
-use crate::vision::outline::locate::{Candidate, Shape};
+use crate::vision::outline::locate::{OutlineCandidate, OutlineShape};
 use crate::vision::outline::place::{FOR_DOTS, Place};
 use crate::vision::pose::identify::{CLEAR, Detections, PROMISING};
 
@@ -189,10 +189,7 @@ impl Estimator {
                 };
                 other.clear();
                 other.standing = Standing::Doubtful;
-                let beside = out.pose().map(|pose| match pose.confidence >= CERTAIN {
-                    true => Detections::LikelyUnder(self.config.camera.at(pose.distance)),
-                    false => Detections::All,
-                });
+                let beside = out.pose().map(|pose| self.beside(pose));
                 if let Some(detections) = beside {
                     self.find_dots(&crop, &candidate, ws, &mut other);
                     self.identify(detections, ws, &mut other);
@@ -209,6 +206,14 @@ impl Estimator {
             }
             ws.within = other;
         });
+    }
+
+    /// What another outline beside a pose is identified by: beside a certain one, its likely dots at that pose's distance.
+    fn beside(&self, pose: &Pose) -> Detections {
+        match pose.confidence >= CERTAIN {
+            true => Detections::LikelyUnder(self.config.camera.at(pose.distance)),
+            false => Detections::All,
+        }
     }
 
     /// Whether there are no dots within a rough circle, so that its outline is not worth looking for.
@@ -270,7 +275,7 @@ impl Estimator {
         place: &Place,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
-    ) -> Option<Candidate> {
+    ) -> Option<OutlineCandidate> {
         let begun = Instant::now();
         let net = self.outline_net.as_ref();
         let found = ws.locator.begin(crop, place, net);
@@ -290,7 +295,7 @@ impl Estimator {
     fn try_outline(
         &self,
         crop: &Crop<'_>,
-        candidate: &Candidate,
+        candidate: &OutlineCandidate,
         hint: Option<&Hint>,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
@@ -342,7 +347,7 @@ impl Estimator {
     fn find_dots(
         &self,
         crop: &Crop<'_>,
-        candidate: &Candidate,
+        candidate: &OutlineCandidate,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) {
@@ -354,15 +359,15 @@ impl Estimator {
                 let k = crop.grid.intrinsics_to_part(&k);
                 ws.recentering.recenter(&k, crop.gray, contrast, out)
             }
-            None if candidate.shape == Shape::Circle => None,
+            None if candidate.shape == OutlineShape::Circle => None,
             None => {
                 let middle = crop.middle();
                 let found = ws
                     .recentering
                     .recenter_ellipse(middle, crop.gray, contrast, out);
                 if found.is_some() && !candidate.outline.circle.is_ellipse() {
-                    ws.locator.add_circle(Candidate {
-                        shape: Shape::Circle,
+                    ws.locator.add_circle(OutlineCandidate {
+                        shape: OutlineShape::Circle,
                         ..*candidate
                     });
                 }

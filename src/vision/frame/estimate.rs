@@ -176,20 +176,20 @@ pub struct FrameEstimate {
     /// What the outline was worth before its dots were seen.
     pub(crate) standing: Standing,
     /// Where the camera's axis is expected; `None` in a crop, which may be cut from anywhere.
-    pub(crate) axis: Option<Axis>,
+    pub(crate) axis: Option<PrincipalPointPrior>,
     /// The best pose of this outline by its detections, and where these leave doubt by all places where dots may be.
     pub(crate) hypotheses: [Option<Hypothesis>; 2],
 }
 
 /// Where a camera's axis meets its picture, before anything is seen: about the middle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Axis {
+pub(crate) struct PrincipalPointPrior {
     pub middle: Pixel,
     /// Standard deviation of either coordinate, pixels.
     pub sigma_px: f64,
 }
 
-impl Axis {
+impl PrincipalPointPrior {
     /// Of a picture of this size; `None` where it may be a crop: by its shape, or since the ball of this outline fills much of it.
     pub fn of_picture(width: usize, height: usize, outline: &BallCircle) -> Option<Self> {
         let [width, height] = [width, height].map(|n| n as f64);
@@ -400,6 +400,14 @@ impl FrameEstimate {
         self.axis = None;
     }
 
+    /// Takes back a pose, where there is one, for this reason.
+    pub(crate) fn take_back(&mut self, why: FrameRejection) {
+        if self.pose().is_some() {
+            self.reject_pose();
+            self.outcome = Err(why);
+        }
+    }
+
     /// Takes back a pose.
     pub(crate) fn reject_pose(&mut self) {
         if let Ok(pose) = self.outcome {
@@ -422,9 +430,9 @@ pub(crate) fn is_mirrored(frame: &FrameEstimate) -> bool {
 mod tests {
     use super::*;
 
-    fn axis(width: usize, height: usize, radius: f64) -> Option<Axis> {
+    fn axis(width: usize, height: usize, radius: f64) -> Option<PrincipalPointPrior> {
         let center = Pixel { u: 100.0, v: 80.0 };
-        Axis::of_picture(width, height, &BallCircle::new(center, radius))
+        PrincipalPointPrior::of_picture(width, height, &BallCircle::new(center, radius))
     }
 
     #[test]

@@ -14,7 +14,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::config::CameraDistance;
-use super::estimate::Axis;
+use super::estimate::PrincipalPointPrior;
 use crate::geometry::Vec3;
 
 /// Of the turn and the outline.
@@ -36,7 +36,7 @@ pub struct ViewEvidence {
     /// What was expected of the distance.
     pub(crate) expected: CameraDistance,
     /// Where the camera's axis was expected, in whole pictures.
-    pub(crate) axis: Option<Axis>,
+    pub(crate) axis: Option<PrincipalPointPrior>,
 }
 
 impl ViewEvidence {
@@ -46,7 +46,7 @@ impl ViewEvidence {
         seen: &SMatrix<f64, ALL, ALL>,
         gradient: &SVector<f64, ALL>,
         expected: CameraDistance,
-        axis: Option<Axis>,
+        axis: Option<PrincipalPointPrior>,
     ) -> Option<Self> {
         let others = seen.fixed_view::<OTHERS, OTHERS>(0, 0).into_owned();
         let inverse = others.cholesky()?.inverse();

@@ -12,8 +12,8 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x8};
 
-use super::graph::{Convolution, Graph, Head, Shape, Step};
-use super::weights::Layer;
+use super::graph::{Convolution, Graph, Head, Step, ValueShape};
+use super::weights::ConvolutionNumbers;
 use crate::vision::dots::patch;
 
 /// Output channels in a vector.
@@ -81,7 +81,7 @@ pub(crate) struct FeatureMap {
 
 impl FeatureMap {
     /// Zeros of that shape.
-    pub fn new(shape: Shape) -> Self {
+    pub fn new(shape: ValueShape) -> Self {
         let (side, depth) = (shape.side, depth(shape.channels));
         let width = side + 2 * BORDER;
         Self {
@@ -156,7 +156,7 @@ pub(crate) struct PackedConvolution {
 
 impl PackedConvolution {
     /// Packs a layer that has as many numbers as the convolution asks for.
-    pub fn new(shape: Convolution, layer: &Layer) -> Self {
+    pub fn new(shape: Convolution, layer: &ConvolutionNumbers) -> Self {
         let Convolution {
             inputs,
             outputs,
@@ -265,7 +265,13 @@ mod tests {
     }
 
     /// The definition, in double precision.
-    fn slow(c: Convolution, layer: &Layer, input: &[f32], side: usize, relu: bool) -> Vec<f64> {
+    fn slow(
+        c: Convolution,
+        layer: &ConvolutionNumbers,
+        input: &[f32],
+        side: usize,
+        relu: bool,
+    ) -> Vec<f64> {
         let to = side / c.stride;
         let pad = (c.kernel / 2) as isize;
         let mut out = Vec::new();
@@ -303,13 +309,13 @@ mod tests {
         let all = Head::ALL.map(Head::convolutions).concat();
         for (k, c) in all.into_iter().enumerate() {
             let (side, relu) = (16, k % 2 == 0);
-            let layer = Layer {
+            let layer = ConvolutionNumbers {
                 weight: numbers(c.weights(), &mut rng),
                 bias: numbers(c.outputs, &mut rng),
             };
             let planes = numbers(c.inputs * side * side, &mut rng);
             let channels = c.inputs;
-            let mut input = FeatureMap::new(Shape { channels, side });
+            let mut input = FeatureMap::new(ValueShape { channels, side });
             for (i, plane) in planes.chunks_exact(side * side).enumerate() {
                 for (at, &value) in plane.iter().enumerate() {
                     let index = input.index(at / side, at % side);
@@ -319,7 +325,7 @@ mod tests {
             let expected = slow(c, &layer, &planes, side, relu);
             let packed = PackedConvolution::new(c, &layer);
             for &level in &levels {
-                let mut out = FeatureMap::new(Shape {
+                let mut out = FeatureMap::new(ValueShape {
                     channels: c.outputs,
                     side: side / c.stride,
                 });

@@ -275,7 +275,7 @@ const LARGE_STEPS: [Step; 22] = [
 
 /// Channels and side of a square value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shape {
+pub struct ValueShape {
     /// Channels.
     pub channels: usize,
     /// Rows, and columns.
@@ -287,8 +287,8 @@ const MAX_VALUES: usize = 24;
 
 impl Graph {
     /// The shapes of all values for a patch of the given side; the first `steps.len() + 1` count.
-    const fn all_shapes(&self, side: usize) -> [Shape; MAX_VALUES] {
-        let mut shapes = [Shape { channels: 1, side }; MAX_VALUES];
+    const fn all_shapes(&self, side: usize) -> [ValueShape; MAX_VALUES] {
+        let mut shapes = [ValueShape { channels: 1, side }; MAX_VALUES];
         let mut k = 0;
         while k < self.steps.len() {
             shapes[k + 1] = self.result(k, &shapes);
@@ -298,17 +298,17 @@ impl Graph {
     }
 
     /// The shape of what step `k` gives.
-    const fn result(&self, k: usize, shapes: &[Shape]) -> Shape {
+    const fn result(&self, k: usize, shapes: &[ValueShape]) -> ValueShape {
         match self.steps[k] {
             Step::Convolve {
                 convolution, of, ..
-            } => Shape {
+            } => ValueShape {
                 channels: self.convolutions[convolution].outputs,
                 side: shapes[of]
                     .side
                     .div_ceil(self.convolutions[convolution].stride),
             },
-            Step::Upsample { of } => Shape {
+            Step::Upsample { of } => ValueShape {
                 channels: shapes[of].channels,
                 side: 2 * shapes[of].side,
             },
@@ -318,12 +318,12 @@ impl Graph {
 
     /// The shape of value `i` for a patch of the given side: the patch is value 0, the result of step `k` value
     /// `k + 1`.
-    pub const fn shape(&self, i: usize, side: usize) -> Shape {
+    pub const fn shape(&self, i: usize, side: usize) -> ValueShape {
         self.all_shapes(side)[i]
     }
 
     /// The shapes of all values for a patch of the given side.
-    pub fn shapes(&self, side: usize) -> Vec<Shape> {
+    pub fn shapes(&self, side: usize) -> Vec<ValueShape> {
         self.all_shapes(side)[..=self.steps.len()].to_vec()
     }
 
@@ -365,7 +365,7 @@ mod tests {
                     }
                 }
             }
-            let cells = Shape {
+            let cells = ValueShape {
                 channels: head.channels(),
                 side: CELLS,
             };

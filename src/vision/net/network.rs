@@ -7,7 +7,7 @@ use fearless_simd::{Level, Simd, dispatch};
 
 use super::convolution::{FeatureMap, PackedConvolution};
 use super::graph::{CELLS, Head, Step};
-use super::weights::Layer;
+use super::weights::ConvolutionNumbers;
 use crate::error::{Error, Result};
 use crate::vision::dots::patch::{Patch, SIZE};
 
@@ -45,7 +45,7 @@ impl Network {
     ///
     /// # Errors
     /// [`Error::Argument`] where the numbers do not fit the graph.
-    pub fn new(head: Head, layers: &[Layer]) -> Result<Self> {
+    pub fn new(head: Head, layers: &[ConvolutionNumbers]) -> Result<Self> {
         let shapes = head.convolutions();
         let fits = layers.len() == shapes.len()
             && std::iter::zip(layers, shapes).all(|(layer, c)| {

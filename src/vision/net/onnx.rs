@@ -52,11 +52,11 @@ pub fn to_onnx(weights: &Weights) -> Vec<u8> {
     }
     add_probability(&mut nodes, &mut initializers, weights);
     let calibration = &weights.meta.calibration;
-    let model = Model {
+    let model = OnnxModel {
         ir_version: IR_VERSION,
         producer_name: env!("CARGO_PKG_NAME").into(),
         producer_version: env!("CARGO_PKG_VERSION").into(),
-        graph: Some(Graph {
+        graph: Some(OnnxGraph {
             node: nodes,
             name: "dots".into(),
             initializer: initializers,
@@ -146,7 +146,7 @@ fn add_probability(nodes: &mut Vec<Node>, initializers: &mut Vec<Tensor>, weight
 // it says so: strict readers refuse packed ones.
 
 #[derive(Clone, PartialEq, Message)]
-struct Model {
+struct OnnxModel {
     #[prost(int64, tag = "1")]
     ir_version: i64,
     #[prost(string, tag = "2")]
@@ -154,7 +154,7 @@ struct Model {
     #[prost(string, tag = "3")]
     producer_version: String,
     #[prost(message, optional, tag = "7")]
-    graph: Option<Graph>,
+    graph: Option<OnnxGraph>,
     #[prost(message, repeated, tag = "8")]
     opset_import: Vec<OperatorSet>,
     #[prost(message, repeated, tag = "14")]
@@ -185,7 +185,7 @@ impl NodeEntry {
 }
 
 #[derive(Clone, PartialEq, Message)]
-struct Graph {
+struct OnnxGraph {
     #[prost(message, repeated, tag = "1")]
     node: Vec<Node>,
     #[prost(string, tag = "2")]

@@ -14,7 +14,7 @@ use zip::ZipWriter;
 use super::graph::Head;
 use crate::error::{Error, Result};
 use crate::files;
-use crate::npz::{Checked, Problem, add_array, one_line, open, read_array};
+use crate::npz::{Checked, NpzProblem, add_array, one_line, open, read_array};
 
 /// Version of the format.
 pub const FORMAT_VERSION: u32 = 1;
@@ -35,7 +35,7 @@ fn shipped(head: Head) -> (&'static str, &'static [u8]) {
 
 /// One convolution's numbers.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Layer {
+pub struct ConvolutionNumbers {
     /// Kernels: outputs x inputs x rows x columns.
     pub weight: Vec<f32>,
     /// One number an output.
@@ -44,7 +44,7 @@ pub struct Layer {
 
 /// How raw outputs become probabilities and covariances, fitted on frames not trained on.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Calibration {
+pub struct OutputCalibration {
     /// Probability of a dot = logistic(`slope` heat + `offset`).
     pub slope: f64,
     /// See `slope`.
@@ -53,7 +53,7 @@ pub struct Calibration {
     pub covariance_factor: f64,
 }
 
-impl Calibration {
+impl OutputCalibration {
     /// The probability of a dot where the net gives this heat.
     pub fn probability(&self, heat: f64) -> f64 {
         1.0 / (1.0 + (-self.slope * heat - self.offset).exp())
@@ -83,14 +83,14 @@ impl Calibration {
         ] {
             if !inside {
                 let problem = format!("calibration.{name}: expected {expected}, found {value}");
-                return Err(Problem::at("meta", problem));
+                return Err(NpzProblem::at("meta", problem));
             }
         }
         Ok(())
     }
 }
 
-impl Default for Calibration {
+impl Default for OutputCalibration {
     fn default() -> Self {
         Self {
             slope: 1.0,
@@ -109,7 +109,7 @@ pub struct WeightsMeta {
     #[serde(default)]
     pub head: Head,
     /// How to read the outputs.
-    pub calibration: Calibration,
+    pub calibration: OutputCalibration,
     /// The command that made the weights.
     pub command: String,
     /// Frames seen in training.
@@ -140,7 +140,7 @@ fn scale_of(weights: &[f32]) -> f32 {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
     /// In the order of [`Head::convolutions`].
-    pub layers: Vec<Layer>,
+    pub layers: Vec<ConvolutionNumbers>,
     /// Their metadata.
     pub meta: WeightsMeta,
 }
@@ -170,7 +170,8 @@ impl Weights {
     /// # Errors
     /// [`Error::Input`] naming the array and what is wrong with it.
     pub fn from_npz(path: &Path, bytes: &[u8]) -> Result<Self> {
-        Self::parse(bytes).map_err(|Problem { place, problem }| Error::input(path, place, problem))
+        Self::parse(bytes)
+            .map_err(|NpzProblem { place, problem }| Error::input(path, place, problem))
     }
 
     fn parse(bytes: &[u8]) -> Checked<Self> {
@@ -183,18 +184,18 @@ impl Weights {
         let mut archive = open(bytes, &names)?;
         let meta: Vec<u8> = read_array(&mut archive, "meta", "u8", &[None])?;
         let meta: WeightsMeta = serde_json::from_slice(&meta)
-            .map_err(|e| Problem::at("meta", format!("not as expected: {}", one_line(&e))))?;
+            .map_err(|e| NpzProblem::at("meta", format!("not as expected: {}", one_line(&e))))?;
         if meta.format_version != FORMAT_VERSION {
             let found = meta.format_version;
             let problem = format!("expected format_version {FORMAT_VERSION}, found {found}");
-            return Err(Problem::at("meta", problem));
+            return Err(NpzProblem::at("meta", problem));
         }
         meta.calibration.check()?;
         let each = if meta.is_rounded { 3 } else { 2 };
         let expected = each * meta.head.convolutions().len() + 1;
         if archive.len() != expected {
             let problem = format!("expected {expected} arrays, found {}", archive.len());
-            return Err(Problem::at("archive", problem));
+            return Err(NpzProblem::at("archive", problem));
         }
         let mut layers = Vec::new();
         for (i, c) in meta.head.convolutions().iter().enumerate() {
@@ -204,7 +205,7 @@ impl Weights {
                 if values.iter().all(|x| x.is_finite()) {
                     Ok(values)
                 } else {
-                    Err(Problem::at(name, "expected finite numbers"))
+                    Err(NpzProblem::at(name, "expected finite numbers"))
                 }
             };
             let bias = read(bias_name(i), &shape[..1])?;
@@ -218,7 +219,7 @@ impl Weights {
             } else {
                 read(weight_name(i), &shape)?
             };
-            layers.push(Layer { weight, bias });
+            layers.push(ConvolutionNumbers { weight, bias });
         }
         Ok(Self { layers, meta })
     }
@@ -270,7 +271,7 @@ impl Weights {
         zip: &mut ZipWriter<Cursor<Vec<u8>>>,
         i: usize,
         shape: &[u64],
-        layer: &Layer,
+        layer: &ConvolutionNumbers,
     ) -> std::io::Result<()> {
         if !self.meta.is_rounded {
             return add_array(zip, &weight_name(i), shape, layer.weight.iter().copied());

@@ -18,7 +18,7 @@ use std::path::Path;
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2};
 use serde::{Deserialize, Serialize};
 
-pub use self::file::Calibration;
+pub use self::file::CameraCalibration;
 use super::lens::Lens;
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
@@ -130,7 +130,7 @@ impl Intrinsics {
     /// # Errors
     /// As [`Calibration::read`].
     pub fn read(path: &Path) -> Result<Self> {
-        Ok(Calibration::read(path)?.intrinsics)
+        Ok(CameraCalibration::read(path)?.intrinsics)
     }
 
     /// As [`read`](Self::read), from the file's text; `path` is for errors.
@@ -138,7 +138,7 @@ impl Intrinsics {
     /// # Errors
     /// [`Error::Input`] naming the field that is not as expected.
     pub fn from_text(path: &Path, text: &str) -> Result<Self> {
-        Ok(Calibration::from_text(path, None, text)?.intrinsics)
+        Ok(CameraCalibration::from_text(path, None, text)?.intrinsics)
     }
 
     /// Where a point before the camera (camera frame) is seen.

@@ -37,7 +37,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix3, Quaternion};
 
-use super::intrinsics::{Calibration, Intrinsics};
+use super::intrinsics::{CameraCalibration, Intrinsics};
 use crate::error::{Error, Result};
 use crate::geometry::{CameraFrame, Position, Rotation, Vec3};
 
@@ -154,7 +154,7 @@ pub struct RigCamera {
     /// What it is called.
     pub name: String,
     /// Its intrinsics, with the images that they are for.
-    pub calibration: Calibration,
+    pub calibration: CameraCalibration,
     /// From the rig's frame to its own, optical axes.
     pub extrinsics: Extrinsics,
     /// What is to be added to its times to get the first camera's, seconds, as far as it is known.
@@ -228,7 +228,7 @@ impl Rig {
     /// # Errors
     /// [`Error::Read`] where the system refuses; [`Error::Input`] naming the field that is not as expected.
     pub fn read(path: &Path) -> Result<Self> {
-        Self::new(Calibration::read_rig(path)?).map_err(|error| match error {
+        Self::new(CameraCalibration::read_rig(path)?).map_err(|error| match error {
             Error::Argument { parameter, problem } => {
                 Error::input(path, parameter.to_string(), problem)
             }
@@ -278,7 +278,7 @@ impl RigCamera {
     ) -> Self {
         Self {
             name: name.to_owned(),
-            calibration: Calibration::new(intrinsics, size),
+            calibration: CameraCalibration::new(intrinsics, size),
             extrinsics,
             clock_offset_s: 0.0,
         }

@@ -26,7 +26,7 @@ use crate::vision::optics::camera::{BallCircle, BallView, Camera};
 use crate::vision::optics::crop::{Crop, Images};
 use crate::vision::optics::intrinsics::Intrinsics;
 use crate::vision::outline::circle::{BallFinder, BallFit, CircleConfig, NoBall};
-use crate::vision::outline::locate::{Candidate, Locator};
+use crate::vision::outline::locate::{Locator, OutlineCandidate};
 use crate::vision::outline::net::OutlineNet;
 use crate::vision::outline::place::{FOR_OUTLINE, Place};
 use crate::vision::outline::recenter::Recentering;
@@ -224,7 +224,7 @@ impl OutlineFinder {
         let net = self.net.as_ref();
         ws.locator.begin(crop, place, net)?;
         let is_open = matches!(place, Place::Within(_));
-        let mut best: Option<(f64, Candidate)> = None;
+        let mut best: Option<(f64, OutlineCandidate)> = None;
         while let Some(candidate) = ws.locator.next(crop.gray, net, is_open) {
             let worth = completeness(candidate.fit.as_ref());
             if best.is_none_or(|(known, _)| worth > known) {

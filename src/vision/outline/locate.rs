@@ -40,7 +40,7 @@ const MAX_CANDIDATES: usize = TRIES + 3;
 
 /// What an outline may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Shape {
+pub(crate) enum OutlineShape {
     /// An ellipse where the edges show one.
     Free,
     /// The circle that was fitted.
@@ -49,14 +49,14 @@ pub(crate) enum Shape {
 
 /// An outline that may be the ball's.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Candidate {
+pub(crate) struct OutlineCandidate {
     pub outline: Outline,
     /// The edges on it, where they show it.
     pub fit: Option<BallFit>,
-    pub shape: Shape,
+    pub shape: OutlineShape,
 }
 
-impl Candidate {
+impl OutlineCandidate {
     /// An outline of the frame's pixels that is known.
     fn given(outline: &Outline, grid: &Grid) -> Self {
         Self {
@@ -66,17 +66,17 @@ impl Candidate {
                 ..*outline
             },
             fit: None,
-            shape: Shape::Free,
+            shape: OutlineShape::Free,
         }
     }
 }
 
-impl From<BallFit> for Candidate {
+impl From<BallFit> for OutlineCandidate {
     fn from(fit: BallFit) -> Self {
         Self {
             outline: Outline::from(&fit),
             fit: Some(fit),
-            shape: Shape::Free,
+            shape: OutlineShape::Free,
         }
     }
 }
@@ -87,10 +87,10 @@ pub(crate) struct Locator {
     finder: BallFinder,
     net: OutlineWorkspace,
     /// All that were given out.
-    candidates: Vec<Candidate>,
+    candidates: Vec<OutlineCandidate>,
     /// Those that come next whatever the dots show: the likeliest, or the circle in the place of an ellipse; the edges' own
     /// outline, where the net contradicts it; the circle, where that is an ellipse.
-    waiting: [Option<Candidate>; 3],
+    waiting: [Option<OutlineCandidate>; 3],
     /// Circles of the edges that were looked at, once as the net sees them and once as they are.
     tried: usize,
     /// The circle that is tried after all others: that of a crop, or the rough one.
@@ -131,7 +131,7 @@ impl Locator {
         };
         let found = match place {
             Place::Known(outline) => {
-                self.waiting[0] = Some(Candidate::given(outline, &crop.grid));
+                self.waiting[0] = Some(OutlineCandidate::given(outline, &crop.grid));
                 self.tried = TRIES;
                 return Ok(());
             }
@@ -149,10 +149,10 @@ impl Locator {
     }
 
     /// In a small crop where there is no outline, that of a ball below the minimum radius.
-    pub fn smaller(&mut self, gray: &GrayImage) -> Option<Candidate> {
+    pub fn smaller(&mut self, gray: &GrayImage) -> Option<OutlineCandidate> {
         let is_small = gray.width().max(gray.height()) <= SMALL_CROP;
         let fit = is_small.then(|| self.finder.find_small(gray).ok())?;
-        fit.map(Candidate::from)
+        fit.map(OutlineCandidate::from)
     }
 
     /// The edges' outline of a ball anywhere.
@@ -174,14 +174,14 @@ impl Locator {
         gray: &GrayImage,
         found: Result<BallFit, NoBall>,
         net: Option<&OutlineNet>,
-    ) -> Result<Candidate, NoBall> {
+    ) -> Result<OutlineCandidate, NoBall> {
         if let Ok(fit) = found
             && fit.circle.is_ellipse()
         {
             let circle = self.finder.circle_at(&fit.circle);
-            self.waiting[2] = circle.map(|fit| Candidate {
-                shape: Shape::Circle,
-                ..Candidate::from(fit)
+            self.waiting[2] = circle.map(|fit| OutlineCandidate {
+                shape: OutlineShape::Circle,
+                ..OutlineCandidate::from(fit)
             });
         }
         let candidate = match (found, net) {
@@ -201,7 +201,7 @@ impl Locator {
     }
 
     /// The circle in the place of the ellipse that the last outline became: it comes next.
-    pub fn add_circle(&mut self, circle: Candidate) {
+    pub fn add_circle(&mut self, circle: OutlineCandidate) {
         self.waiting[0] = Some(circle);
     }
 
@@ -212,7 +212,7 @@ impl Locator {
         gray: &GrayImage,
         net: Option<&OutlineNet>,
         is_open: bool,
-    ) -> Option<Candidate> {
+    ) -> Option<OutlineCandidate> {
         let waiting = self.waiting.iter_mut().find_map(Option::take);
         let candidate = match waiting {
             None if is_open => self.other(gray, net),
@@ -223,7 +223,7 @@ impl Locator {
     }
 
     /// One of the other circles of the edges, as the net sees it or as it is; after all circles the one that a crop suggests.
-    fn other(&mut self, gray: &GrayImage, net: Option<&OutlineNet>) -> Option<Candidate> {
+    fn other(&mut self, gray: &GrayImage, net: Option<&OutlineNet>) -> Option<OutlineCandidate> {
         while self.tried < TRIES {
             let (k, is_judged) = (self.tried / 2, self.tried.is_multiple_of(2));
             self.tried += 1;
@@ -241,7 +241,8 @@ impl Locator {
                 }
                 (None, None) => None,
             };
-            let is_new = |c: &Candidate| self.candidates.iter().all(|known| !is_same(known, c));
+            let is_new =
+                |c: &OutlineCandidate| self.candidates.iter().all(|known| !is_same(known, c));
             if let Some(candidate) = candidate.filter(is_new) {
                 return Some(candidate);
             }
@@ -250,8 +251,13 @@ impl Locator {
     }
 
     /// What the net makes of a circle of the edges.
-    fn judge(&mut self, gray: &GrayImage, fit: &BallFit, net: &OutlineNet) -> Option<Candidate> {
-        let own = Candidate::from(*fit);
+    fn judge(
+        &mut self,
+        gray: &GrayImage,
+        fit: &BallFit,
+        net: &OutlineNet,
+    ) -> Option<OutlineCandidate> {
+        let own = OutlineCandidate::from(*fit);
         let seen = self.see(gray, &fit.circle, net);
         if seen.is_none_or(|seen| !is_same(&own, &seen)) {
             self.waiting[1] = Some(own);
@@ -260,7 +266,12 @@ impl Locator {
     }
 
     /// The net's outline near a circle, made precise by the edges that agree with it.
-    fn see(&mut self, gray: &GrayImage, rough: &BallCircle, net: &OutlineNet) -> Option<Candidate> {
+    fn see(
+        &mut self,
+        gray: &GrayImage,
+        rough: &BallCircle,
+        net: &OutlineNet,
+    ) -> Option<OutlineCandidate> {
         let seen = net.find_near(gray, rough, &mut self.net)?;
         let radius = seen.circle.radius;
         let sigma = seen.covariance.diagonal().max().sqrt();
@@ -274,10 +285,10 @@ impl Locator {
             .filter(|fit| fit.support >= MIN_SUPPORT)
             .max_by(|a, b| a.support.total_cmp(&b.support));
         let combined = edges.and_then(|fit| Some((combine(&seen, &fit)?, fit)));
-        Some(Candidate {
+        Some(OutlineCandidate {
             outline: combined.map_or(seen, |(outline, _)| outline),
             fit: combined.map(|(_, fit)| fit),
-            shape: Shape::Free,
+            shape: OutlineShape::Free,
         })
     }
 }
@@ -315,7 +326,7 @@ fn is_whole(fit: &BallFit) -> bool {
     fit.support >= WHOLE && fit.visible >= WHOLE && fit.polarity != Polarity::Mixed
 }
 
-fn is_same(a: &Candidate, b: &Candidate) -> bool {
+fn is_same(a: &OutlineCandidate, b: &OutlineCandidate) -> bool {
     let (a, b) = (&a.outline.circle, &b.outline.circle);
     let apart = (a.center.u - b.center.u).hypot(a.center.v - b.center.v);
     apart.max((a.radius - b.radius).abs()) < SAME * a.radius

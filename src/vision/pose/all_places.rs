@@ -12,7 +12,7 @@ use nalgebra::Matrix3;
 
 use super::identify::{CLEAR, DISAGREEMENT, PoseHypothesis, in_view};
 use super::pixels;
-use super::places::{self, Alignment};
+use super::places::{self, PosedOutline};
 use super::rotations::RotationSearch;
 use super::trust::{PixelsEvidence, PoseEvidence, PoseSource};
 use crate::geometry::{ROTATIONS, Rotation};
@@ -131,7 +131,7 @@ impl Estimator {
             view: &view,
         })?;
         let sigma = |k: usize| (outline.covariance[(k, k)] + OUTLINE_PX * OUTLINE_PX).sqrt();
-        let start = pixels::Start {
+        let start = pixels::FitStart {
             dots: self.pattern().dots(),
             view,
             outline_sigma_px: [sigma(0).max(sigma(1)), sigma(2)],
@@ -207,7 +207,7 @@ impl Estimator {
     fn propose_by_pixels(
         &self,
         view: &BallView,
-        (fit, evidence): &(pixels::Fit, PixelsEvidence),
+        (fit, evidence): &(pixels::PixelFit, PixelsEvidence),
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> PoseHypothesis {
@@ -293,7 +293,7 @@ impl Estimator {
 }
 
 /// The outline where the match has it.
-fn moved(outline: &Outline, found: &Alignment) -> Outline {
+fn moved(outline: &Outline, found: &PosedOutline) -> Outline {
     let radius = outline.circle.radius;
     let mut circle = outline.circle;
     circle.center.u += radius * found.shift[0];

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use nalgebra::Matrix2;
 
-use super::refine::{self, Drawn, Refined};
+use super::refine::{self, Drawn, RefinedFrame};
 use super::trust::{PoseEvidence, TrustMap};
 use crate::geometry::{Rotation, Vec3};
 use crate::recognize::{Hint, Recognizer, RecognizerRejection};
@@ -427,8 +427,8 @@ impl Estimator {
         drawn: Drawn,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
-    ) -> Option<Refined> {
-        let prior = refine::Prior {
+    ) -> Option<RefinedFrame> {
+        let prior = refine::PosePrior {
             outline: *outline,
             camera: self.config.camera,
             start,

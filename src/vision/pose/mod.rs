@@ -11,5 +11,5 @@ pub(crate) mod sharpen;
 pub(crate) mod trust;
 
 pub use trust::{
-    FEATURES, PixelsEvidence, PlacesEvidence, PoseEvidence, PoseSource, TrustMap, Weights,
+    FEATURES, PixelsEvidence, PlacesEvidence, PoseEvidence, PoseSource, TrustMap, TrustWeights,
 };

@@ -57,7 +57,7 @@ fn fill_terms(heat: &Heat, reach: usize, terms: &mut Terms) {
 
 /// A rotation with the outline about which its terms are summed.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Alignment {
+pub(crate) struct PosedOutline {
     /// Pattern to view frame.
     pub rotation: Rotation,
     /// Ball radii over the camera's distance.
@@ -75,12 +75,12 @@ pub(super) fn best(
     inverse_distance: Option<f64>,
     search: &RotationSearch,
     ws: &mut SearchWorkspace,
-    found: &mut Vec<RotationMatch<Alignment>>,
-) -> Option<(Alignment, PlacesEvidence)> {
+    found: &mut Vec<RotationMatch<PosedOutline>>,
+) -> Option<(PosedOutline, PlacesEvidence)> {
     fill_terms(heat, 1, &mut ws.terms);
     let (at, none) = (inverse_distance, std::iter::empty());
     search.fit_best(at, CONSIDERED, none, ws, found, |start, terms| {
-        Some(improve(dots, terms, Alignment::new(&start)))
+        Some(improve(dots, terms, PosedOutline::new(&start)))
     });
     let (best, others) = rotations::best(found, |fit| fit.rotation)?;
     fill_terms(heat, 0, &mut ws.terms);
@@ -92,7 +92,7 @@ pub(super) fn best(
 }
 
 /// Turns about each axis, shifts and scales, as long as that gains, by ever smaller steps.
-fn improve(dots: &[Vec3], terms: &Terms, start: Alignment) -> (Alignment, f64) {
+fn improve(dots: &[Vec3], terms: &Terms, start: PosedOutline) -> (PosedOutline, f64) {
     let mut best = (start, score(dots, terms, &start));
     let mut step = STEPS[0];
     while step > STEPS[1] {
@@ -114,7 +114,7 @@ fn improve(dots: &[Vec3], terms: &Terms, start: Alignment) -> (Alignment, f64) {
 }
 
 /// The sum for any orientation and outline, terms interpolated between cells, less what the outline is off by.
-fn score(dots: &[Vec3], terms: &Terms, fit: &Alignment) -> f64 {
+fn score(dots: &[Vec3], terms: &Terms, fit: &PosedOutline) -> f64 {
     let turn = fit.rotation.to_rotation_matrix();
     let k = fit.inverse_distance;
     let depth = min_depth(k);
@@ -135,7 +135,7 @@ fn score(dots: &[Vec3], terms: &Terms, fit: &Alignment) -> f64 {
     values.sum::<f64>() - 0.5 * off
 }
 
-impl Alignment {
+impl PosedOutline {
     fn new(start: &TriedRotation) -> Self {
         Self {
             rotation: start.rotation,

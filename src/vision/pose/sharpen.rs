@@ -14,7 +14,7 @@ use crate::vision::dots::cap::CapShape;
 use crate::vision::dots::detector::DotDetection;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::config::CameraModel;
-use crate::vision::frame::estimate::{Axis, FrameEstimate, Pose};
+use crate::vision::frame::estimate::{FrameEstimate, Pose, PrincipalPointPrior};
 use crate::vision::frame::outline::Outline;
 use crate::vision::frame::position;
 use crate::vision::optics::ball_pixels::BallPixels;
@@ -65,8 +65,9 @@ impl Estimator {
         out: &mut FrameEstimate,
     ) -> Option<Outline> {
         let outline = out.outline.map(|outline| outline.circle);
-        out.axis =
-            outline.and_then(|circle| Axis::of_picture(image.width(), image.height(), &circle));
+        out.axis = outline.and_then(|circle| {
+            PrincipalPointPrior::of_picture(image.width(), image.height(), &circle)
+        });
         let found = out.circle;
         let rim = match self.sharpen_once(pose, image, ws, out) {
             Ok(rim) => rim,

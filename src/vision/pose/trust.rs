@@ -27,7 +27,7 @@ use crate::vision::optics::derived;
 /// Number of features.
 pub const FEATURES: usize = 6;
 /// A constant and the weights of the features.
-pub type Weights = [f64; FEATURES + 1];
+pub type TrustWeights = [f64; FEATURES + 1];
 
 /// A larger margin is no surer: what the model leaves out does not shrink with it.
 const MAX_MARGIN: f64 = 25.0;
@@ -151,11 +151,11 @@ impl PoseEvidence {
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct TrustMap {
     /// For poses by their detections.
-    pub detections: Weights,
+    pub detections: TrustWeights,
     /// By all places where dots may be.
-    pub places: Weights,
+    pub places: TrustWeights,
     /// By all pixels of a small ball.
-    pub pixels: Weights,
+    pub pixels: TrustWeights,
 }
 
 impl TrustMap {

@@ -25,7 +25,7 @@ use spindoe::calibrate::{CalibratedDot, Calibration, CalibrationConfig, DotState
 use spindoe::geometry::{
     Rotation, Vec3, angle_between, kabsch, random_direction, random_rotation, tangent_frame,
 };
-use spindoe::synth::surface::{Mark, Surface};
+use spindoe::synth::surface::{LogoPrint, Surface};
 use spindoe::synth::{Rendering, Scene, SynthConfig};
 use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 use spindoe_studies::frames::{DOTS20, estimator};
@@ -349,7 +349,7 @@ fn on_print(surface: &Surface, at: &Vec3) -> bool {
         let (s, c) = (TAU * k as f64 / 24.0).sin_cos();
         (at + (e1 * c + e2 * s) * (share * radius)).normalize()
     };
-    let ink = |mark: &Mark| {
+    let ink = |mark: &LogoPrint| {
         let rings = [0.25, 0.5, 0.75, 1.0, 1.25, 1.5];
         let of_ring = |share: f64| {
             let points = (0..24).map(|k| f64::from(mark.ink(&on_ring(k, share))));

@@ -15,20 +15,14 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
-use spindoe::calibrate::{CalibrationConfig, KnownDots, build_pattern, calibrate, identify_frames};
-use spindoe::geometry::{
-    Rotation, Vec3, angle_between, kabsch, random_direction, random_rotation, tangent_frame,
-};
-use spindoe::pattern::random_pattern;
+use spindoe::calibrate::{CalibrationConfig, calibrate, identify_frames};
+use spindoe::geometry::{Rotation, Vec3, kabsch, random_direction, random_rotation, tangent_frame};
 use spindoe::synth::view::View;
-use spindoe::validate::Proportion;
 use spindoe::vision::frame::{CameraModel, Outline};
 use spindoe::vision::{
     BallCircle, Camera, DotDetection, EstimatorConfig, FrameEstimate, Intrinsics, Pixel,
 };
-use spindoe::{
-    Ball, DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel,
-};
+use spindoe::{Ball, Pattern};
 use spindoe_studies::frames::DOTS20;
 use spindoe_studies::score::{mean, ratio};
 use spindoe_studies::table::{Table, figure, interval};
@@ -234,17 +228,6 @@ impl Args {
             );
             scatter(&nominal, seed, repeats, frames, knowledge)?;
         }
-        let built: Result<Vec<(bool, f64)>, String> = (0..balls.min(20))
-            .into_par_iter()
-            .map(|k| build(seed, k, frames.max(160)).map_err(|e| e.to_string()))
-            .collect();
-        let built = built?;
-        let good = built.iter().filter(|b| b.0).count() as u64;
-        println!(
-            "\nunknown patterns recovered, each dot within 1 deg: {}; worst dot {:.2} deg",
-            Proportion::new(good, built.len() as u64),
-            built.iter().map(|b| b.1).fold(0.0, f64::max)
-        );
         Ok(())
     }
 }
@@ -372,56 +355,4 @@ fn judge(
         dots: drawn.len(),
     };
     Ok(Some((sums, errors)))
-}
-
-/// Whether a random pattern is built from its clip alone, and its worst dot, degrees.
-fn build(seed: u64, k: u64, frames: usize) -> Outcome<(bool, f64)> {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x55);
-    rng.set_stream(k);
-    let dots = rng.random_range(12..=24);
-    let truth = random_pattern(dots, 0.3, &mut rng)?;
-    let mut noise = rng.clone();
-    noise.set_stream(k + (1 << 32));
-    let clip = clip(truth.dots(), frames, &unit_view()?, &mut rng, &mut noise);
-    let built = match build_pattern(
-        &clip.frames,
-        None,
-        &KnownDots::Nothing,
-        &CalibrationConfig::default(),
-    )? {
-        Ok(built) => built.pattern,
-        Err(rejection) => {
-            eprintln!("ball {k}, {dots} dots: {rejection}");
-            return Ok((false, 0.0));
-        }
-    };
-    let view = ViewModel {
-        visibility_limit: -0.99,
-        ..ViewModel::default()
-    };
-    let recognizer = RobustRecognizer::new(&truth, view.into())?;
-    let observed: Vec<ObservedDot> = built
-        .dots()
-        .iter()
-        .map(|d| ObservedDot {
-            direction: *d,
-            uncertainty: DotUncertainty::Isotropic { sigma_rad: 0.01 },
-        })
-        .collect();
-    let Ok(found) = recognizer.identify(&observed, &mut recognizer.workspace()) else {
-        return Ok((false, 0.0));
-    };
-    let mut worst: f64 = 0.0;
-    for (dot, name) in built.dots().iter().zip(&found.assignment) {
-        let Some(name) = name else {
-            eprintln!("ball {k}: an invented dot");
-            return Ok((false, 0.0));
-        };
-        let expected = found.rotation * truth.dots()[usize::from(*name)];
-        worst = worst.max(angle_between(dot, &expected).to_degrees());
-    }
-    if built.len() != dots {
-        eprintln!("ball {k}: {} of {dots} dots", built.len());
-    }
-    Ok((built.len() == dots && worst < 1.0, worst))
 }

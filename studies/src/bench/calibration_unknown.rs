@@ -11,19 +11,17 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use rayon::prelude::*;
-use spindoe::calibrate::{
-    CalibrationConfig, KnownDots, SurfaceObserver, Survey, calibrate_built, survey,
-};
+use spindoe::Pattern;
+use spindoe::calibrate::{CalibrationConfig, KnownDots, Survey, calibrate_built, survey};
 use spindoe::geometry::{Vec3, angle_between};
 use spindoe::plot::surface_views;
-use spindoe::surface::PaintedFrame;
 use spindoe::synth::SynthConfig;
 use spindoe::validate::Proportion;
-use spindoe::vision::{FrameEstimate, Prior};
-use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 use spindoe_studies::Outcome;
 use spindoe_studies::frames::{alone, estimator};
 use spindoe_studies::hand::{Habits, HandClip};
+
+use crate::marks::{SeenClip, named};
 
 /// A clip that shows so much of the ball should be answered.
 const COMPLETE: f64 = 0.97;
@@ -160,24 +158,11 @@ impl Args {
 impl Args {
     fn judge(&self, looks: &SynthConfig, habits: Habits, k: u64) -> Outcome<Judged> {
         let clip = HandClip::random(looks, habits, self.seed, k)?;
-        let detecting = estimator(&SurfaceObserver::stand_in()?)?;
-        let mut workspace = detecting.workspace();
-        let mut estimates = Vec::with_capacity(clip.frames());
-        let mut taken = Vec::with_capacity(clip.frames());
-        let shown = clip.show(|seen| {
-            let mut found = FrameEstimate::default();
-            let budget = SurfaceObserver::budget();
-            detecting.estimate(
-                &seen.image,
-                &Prior::default(),
-                &budget,
-                &mut workspace,
-                &mut found,
-            );
-            let shown = found.outline.map(|o| PaintedFrame::take(&seen.image, &o));
-            taken.push(shown.unwrap_or_default());
-            estimates.push(found);
-        })?;
+        let SeenClip {
+            estimates,
+            taken,
+            shown,
+        } = SeenClip::of(&clip)?;
         let visible = shown.hidden.iter().filter(|h| !**h).count();
         let config = CalibrationConfig::default();
         let known = match self.counted || self.marks_named {
@@ -237,7 +222,7 @@ fn by_person(
     hidden: &[bool],
 ) -> Outcome<std::result::Result<Vec<Vec3>, usize>> {
     let visible = hidden.iter().filter(|h| !**h).count();
-    let marks = found.surface.iter().flat_map(|s| &s.marks);
+    let marks = found.surface.iter().flat_map(|s| s.worth_a_look());
     let marks: Vec<Vec3> = marks.map(|m| m.direction).collect();
     // More marks than a pattern has dots are too many to look through.
     let Ok(pattern) = Pattern::new(marks.clone()) else {
@@ -256,39 +241,6 @@ fn by_person(
         0 => Ok(own.into_iter().map(|(mark, _)| mark).collect()),
         lacking => Err(lacking),
     })
-}
-
-/// A dot of the ball.
-struct TrueDot {
-    number: usize,
-    /// In the frame of the built pattern.
-    direction: Vec3,
-}
-
-/// Which of the true dots those of a built pattern are, `None` for those that are none; empty where nothing fits.
-fn named(built: &Pattern, truth: &Pattern) -> Outcome<Vec<Option<TrueDot>>> {
-    let view = ViewModel {
-        visibility_limit: -0.99,
-        ..ViewModel::default()
-    };
-    let recognizer = RobustRecognizer::new(truth, view.into())?;
-    let observed: Vec<ObservedDot> = built
-        .dots()
-        .iter()
-        .map(|d| ObservedDot {
-            direction: *d,
-            uncertainty: DotUncertainty::Isotropic { sigma_rad: 0.01 },
-        })
-        .collect();
-    let Ok(found) = recognizer.identify(&observed, &mut recognizer.workspace()) else {
-        return Ok(Vec::new());
-    };
-    let expected = |name: &Option<u16>| {
-        let number = usize::from((*name)?);
-        let direction = found.rotation * truth.dots()[number];
-        Some(TrueDot { number, direction })
-    };
-    Ok(found.assignment.iter().map(expected).collect())
 }
 
 /// A pattern against the true one.

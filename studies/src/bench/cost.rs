@@ -8,7 +8,7 @@
 use cpu_time::ThreadTime;
 use spindoe::camera::FrameOutcome;
 use spindoe::pattern::Pattern;
-use spindoe::synth::dataset::{Frame, frames};
+use spindoe::synth::dataset::{SynthFrame, frames};
 use spindoe::vision::{Budget, FrameEstimate, Prior};
 use spindoe_studies::frames::{DOTS20, all_conditions, estimator, good_conditions, outcome};
 use spindoe_studies::score::mean;
@@ -64,7 +64,7 @@ impl Args {
                     runs,
                     ..Budget::default()
                 };
-                let mut cost = |frame: &Frame| {
+                let mut cost = |frame: &SynthFrame| {
                     let begun = ThreadTime::now();
                     estimator.estimate(&frame.image, &Prior::default(), &budget, &mut ws, &mut out);
                     Spent {

@@ -8,12 +8,14 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use spindoe::calibrate::MARK_FEATURES;
 use spindoe::files;
 use spindoe::synth::world_sha256;
 use spindoe::vision::pose::{PoseSource, TrustMap};
 use spindoe_studies::Outcome;
 use spindoe_studies::score::median;
 
+use crate::marks;
 use crate::small;
 use crate::trust::kinds::{self, Judged};
 use crate::trust::logistic;
@@ -24,18 +26,21 @@ const WORLD: &str = "synthetic world";
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Part {
     /// From images of balls of any size and of other things.
-    AnyBalls,
+    Any,
     /// From those of small ones.
-    SmallBalls,
+    Small,
+    /// From clips of balls that are drawn by hand.
+    Drawn,
 }
 
 impl Part {
-    const ALL: [Self; 2] = [Self::AnyBalls, Self::SmallBalls];
+    const ALL: [Self; 3] = [Self::Any, Self::Small, Self::Drawn];
 
     fn names(self) -> &'static [&'static str] {
         match self {
-            Self::AnyBalls => &["trust_map", "dense_map", "trust_map_wide", "usual_doubt"],
-            Self::SmallBalls => &["pixels_map"],
+            Self::Any => &["trust_map", "dense_map", "trust_map_wide", "usual_doubt"],
+            Self::Small => &["pixels_map"],
+            Self::Drawn => &["mark_map"],
         }
     }
 
@@ -50,8 +55,9 @@ impl Part {
             "studies/patterns/hidden12.csv",
         ];
         match self {
-            Self::AnyBalls => &INPUTS,
-            Self::SmallBalls => &INPUTS[..4],
+            Self::Any => &INPUTS,
+            Self::Small => &INPUTS[..4],
+            Self::Drawn => &INPUTS[..3],
         }
     }
 }
@@ -77,6 +83,12 @@ pub struct Args {
     /// Seed of these.
     #[arg(long, default_value_t = 9_100)]
     small_seed: u64,
+    /// Clips of balls that are drawn by hand, a quarter of them with print.
+    #[arg(long, default_value_t = 120)]
+    clips: u64,
+    /// Seed of these.
+    #[arg(long, default_value_t = 36_520_001)]
+    clips_seed: u64,
     /// Derive what is up to date, too.
     #[arg(long)]
     force: bool,
@@ -136,21 +148,25 @@ impl Args {
     /// What repeats a part.
     fn command(&self, part: Part) -> String {
         match part {
-            Part::AnyBalls => format!(
+            Part::Any => format!(
                 "bench derive --images {} --rounds {} --seed {}",
                 self.images, self.rounds, self.seed
             ),
-            Part::SmallBalls => format!(
+            Part::Small => format!(
                 "bench derive --small-images {} --small-seed {}",
                 self.small_images, self.small_seed
+            ),
+            Part::Drawn => format!(
+                "bench derive --clips {} --clips-seed {}",
+                self.clips, self.clips_seed
             ),
         }
     }
 
     fn derive(&self, part: Part) -> Outcome<Vec<Derived>> {
         match part {
-            Part::AnyBalls => self.of_any_balls(),
-            Part::SmallBalls => {
+            Part::Any => self.of_any_balls(),
+            Part::Small => {
                 let answers = small::fitting_answers(self.small_images, self.small_seed)?;
                 eprintln!("{} poses by all pixels", answers.len());
                 Ok(vec![(
@@ -159,7 +175,20 @@ impl Args {
                     rounded(logistic::of_pixels(&answers)),
                 )])
             }
+            Part::Drawn => self.of_drawn_balls(),
         }
+    }
+
+    fn of_drawn_balls(&self) -> Outcome<Vec<Derived>> {
+        let marks = marks::fitting_marks(self.clips, self.clips_seed)?;
+        eprintln!("{} marks", marks.len());
+        let rows = marks.iter().map(|m| (m.evidence.features(), m.is_dot));
+        let map = logistic::regression::<MARK_FEATURES, { MARK_FEATURES + 1 }>(rows);
+        Ok(vec![(
+            "mark_map",
+            "weights of the evidence that a mark of a ball is a dot, the constant first",
+            rounded(map),
+        )])
     }
 
     fn of_any_balls(&self) -> Outcome<Vec<Derived>> {

@@ -16,7 +16,7 @@ use spindoe::geometry::random_direction;
 use spindoe::pattern::Pattern;
 use spindoe::stats::Proportion;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, Sequence, frame_rng};
+use spindoe::synth::dataset::{ClipConfig, SynthSequence, frame_rng};
 use spindoe::vision::Estimator;
 use spindoe_studies::frames::{DOTS20, estimator, good_conditions};
 use spindoe_studies::table::Table;
@@ -131,7 +131,7 @@ fn follow(
         exposure_s: Some(EXPOSURE_S),
         ..ClipConfig::default()
     };
-    let sequence = Sequence::random(pattern, &config, &timing, seed, last())?;
+    let sequence = SynthSequence::random(pattern, &config, &timing, seed, last())?;
     let mut tracker = Tracker::new(Arc::clone(estimator), TrackerConfig::default())?;
     let said = (0..last()).map(|k| {
         let frame = sequence.frame(k)?;

@@ -7,7 +7,7 @@ use spindoe::pattern::Pattern;
 use spindoe::spin::robust::SpinConfig;
 use spindoe::stats::Proportion;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{BallTruth, ClipConfig, Sequence};
+use spindoe::synth::dataset::{BallTruth, ClipConfig, SynthSequence};
 use spindoe::validate::ORIENTATION_FAILURE_RAD;
 use spindoe::vision::{Budget, FrameEstimate, Prior};
 use spindoe_studies::frames::estimator;
@@ -130,7 +130,7 @@ fn clip(
         exposure_s: Some(2e-4),
         ..ClipConfig::default()
     };
-    let clip = Sequence::of_balls(&patterns[..balls], &config, &timing, seed, count)?;
+    let clip = SynthSequence::of_balls(&patterns[..balls], &config, &timing, seed, count)?;
     let mut flown = Flown {
         balls,
         ..Flown::default()
@@ -152,7 +152,7 @@ impl Flown {
     fn estimated(
         &mut self,
         all: &BallsEstimator,
-        clip: &Sequence,
+        clip: &SynthSequence,
         count: usize,
     ) -> spindoe::Result<TruthAndFound> {
         let mut ws = all.workspace()?;

@@ -15,7 +15,7 @@ use spindoe::image::RgbImage;
 use spindoe::pattern::Pattern;
 use spindoe::stats::Proportion;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::Sequence;
+use spindoe::synth::dataset::SynthSequence;
 use spindoe::synth::scene::Scene;
 use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{
@@ -274,7 +274,7 @@ impl Args {
             scene.noise_seed = rng.random();
             let ray = pinhole.ray(center).unwrap_or_else(|| -Vec3::z());
             circles.push(BallCircle::new(k.project(&ray), radius));
-            let drawn = Sequence::of_scene(scene, FPS, seed, 1).frame(0)?.image;
+            let drawn = SynthSequence::of_scene(scene, FPS, seed, 1).frame(0)?.image;
             images.push(seen_through(&drawn, &pinhole, &k)?);
         }
         let off_axis = |c: &BallCircle| k.ray(c.center).map_or(0.0, |r| r.xy().norm().atan());

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use spindoe::camera::FrameOutcome;
 use spindoe::files;
 use spindoe::pattern::Pattern;
-use spindoe::synth::dataset::{DotTruth, Frame};
+use spindoe::synth::dataset::{DotTruth, SynthFrame};
 use spindoe::vision::{DetectorName, DotDetection, Estimator, EstimatorConfig, FrameEstimate};
 use spindoe_studies::frames::{DOTS20, FrameSet, all_conditions, each, good_conditions, outcome};
 use spindoe_studies::score::{Claim, RATES, bins, claimed, mean, median, rates};
@@ -75,7 +75,7 @@ impl Args {
             let mut seen = Vec::new();
             for start in (0..count).step_by(AT_ONCE) {
                 let some = AT_ONCE.min(count - start);
-                let judge = |frame: &Frame, found: [FrameEstimate; 2]| {
+                let judge = |frame: &SynthFrame, found: [FrameEstimate; 2]| {
                     found.map(|found| evaluate(frame, &found))
                 };
                 seen.extend(each(
@@ -97,7 +97,7 @@ impl Args {
     }
 }
 
-fn evaluate(frame: &Frame, out: &FrameEstimate) -> Seen {
+fn evaluate(frame: &SynthFrame, out: &FrameEstimate) -> Seen {
     let truth = &frame.truth;
     let likely = || out.dots.iter().filter(|d| d.probability >= 0.5);
     let off = |d: &DotDetection, t: &DotTruth| {

@@ -20,7 +20,7 @@ use spindoe::image::{RawImage, RawPixel, RgbImage};
 use spindoe::pattern::Pattern;
 use spindoe::stats::quantile;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, FrameTruth, Sequence, independent_frame};
+use spindoe::synth::dataset::{ClipConfig, FrameTruth, SynthSequence, independent_frame};
 use spindoe::vision::FrameEstimate;
 use spindoe_studies::frames::{DOTS20, alone, estimator, good_conditions};
 use spindoe_studies::score::median;
@@ -102,7 +102,7 @@ fn clip(
         ..ClipConfig::default()
     };
     for seed in seed.. {
-        let sequence = Sequence::random(pattern, &config, &sequence, seed, count)?;
+        let sequence = SynthSequence::random(pattern, &config, &sequence, seed, count)?;
         let ends = [sequence.frame(0)?.truth, sequence.frame(count - 1)?.truth];
         let middle = [0, 1].map(|k| {
             let at = |t: &FrameTruth| [t.center.u, t.center.v][k];

@@ -18,7 +18,7 @@ use spindoe::geometry::Rotation;
 use spindoe::image::GrayImage;
 use spindoe::plot::{LineSeries, ValuePlot, ValuePoint, ValueSeries, value_curves};
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{Frame, FrameTruth, independent_frame};
+use spindoe::synth::dataset::{FrameTruth, SynthFrame, independent_frame};
 use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{
     BallCircle, Budget, Camera, DetectorName, DotDetector, Estimator, EstimatorConfig,
@@ -168,7 +168,11 @@ fn answer(
 }
 
 /// The frame in gray with its noise, and the limits.
-fn noisy(frame: &Frame, contrast_over_noise: f64, rng: &mut ChaCha8Rng) -> (GrayImage, [f64; 2]) {
+fn noisy(
+    frame: &SynthFrame,
+    contrast_over_noise: f64,
+    rng: &mut ChaCha8Rng,
+) -> (GrayImage, [f64; 2]) {
     let mut gray = frame.image.to_gray();
     let noise = contrast(&gray, &frame.truth) / contrast_over_noise;
     let values: Vec<f32> = gray

@@ -17,6 +17,7 @@ mod focal;
 mod frames;
 mod latency;
 mod limit;
+mod marks;
 mod mirror;
 mod noise;
 mod objectives;

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use spindoe::camera::FrameOutcome;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{Frame, FrameTruth};
+use spindoe::synth::dataset::{FrameTruth, SynthFrame};
 use spindoe::vision::net::Weights;
 use spindoe::vision::{
     BallCircle, Budget, CnnDetector, DetectorName, DotDetector, Estimator, EstimatorConfig,
@@ -43,7 +43,7 @@ fn off(circle: Option<BallCircle>, truth: &FrameTruth) -> f64 {
     })
 }
 
-fn measure(estimator: &Estimator, frame: &Frame, [found]: [FrameEstimate; 1]) -> Seen {
+fn measure(estimator: &Estimator, frame: &SynthFrame, [found]: [FrameEstimate; 1]) -> Seen {
     let truth = &frame.truth;
     let circle = BallCircle::new(truth.center, truth.radius_px);
     let prior = Prior {

@@ -14,7 +14,7 @@ use spindoe::pattern::Pattern;
 use spindoe::stats::Proportion;
 use spindoe::synth::SynthConfig;
 use spindoe::synth::config::SynthKind;
-use spindoe::synth::dataset::Sequence;
+use spindoe::synth::dataset::SynthSequence;
 use spindoe::synth::scene::Scene;
 use spindoe::vision::{
     Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Intrinsics, Lens,
@@ -155,7 +155,7 @@ impl Args {
         let ray = Vec3::new(tan * cos, -tan * sin, -1.0);
         let half = (scene.circle.radius / (FOCAL_PX * ray.norm())).atan();
         let truth = ray.normalize() * (RADIUS_M / half.sin());
-        let frame = Sequence::of_scene(scene, 100.0, seed, 1).frame(0)?;
+        let frame = SynthSequence::of_scene(scene, 100.0, seed, 1).frame(0)?;
         let (k, image) = match self.lens {
             false => (pinhole, frame.image),
             true => {

@@ -22,7 +22,7 @@ use spindoe::spin::alias::AliasConfig;
 use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, Frame, FrameTruth, Sequence};
+use spindoe::synth::dataset::{ClipConfig, FrameTruth, SynthFrame, SynthSequence};
 use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{DetectorName, DotDetector, Estimator, EstimatorConfig, FrameEstimate};
 use spindoe_studies::frames::DOTS20;
@@ -154,7 +154,7 @@ impl Args {
         };
         let estimator = &Estimator::new(pattern, config, detector.clone())?;
         let frames = (0..self.frames).map(|k| sequence.frame(k));
-        let frames: Vec<Frame> = frames.collect::<spindoe::Result<_>>()?;
+        let frames: Vec<SynthFrame> = frames.collect::<spindoe::Result<_>>()?;
         let times_s: Vec<f64> = (0..self.frames)
             .map(|k| 1e-9 * sequence.scene(k).1 as f64)
             .collect();
@@ -201,7 +201,7 @@ impl Args {
         fps: f64,
         readout_s: f64,
         seed: u64,
-    ) -> spindoe::Result<Sequence> {
+    ) -> spindoe::Result<SynthSequence> {
         let config = SynthConfig {
             ball_px: Some([self.px; 2]),
             image_px: Some(SIZE),
@@ -218,7 +218,7 @@ impl Args {
             drift_px: Some([0.0; 2]),
             readout_s,
         };
-        let middle = Sequence::random(pattern, &config, &still, seed, self.frames)?;
+        let middle = SynthSequence::random(pattern, &config, &still, seed, self.frames)?;
         let v = middle.scene(0).0.circle.center.v;
         let reach = 2.0 * (v - MARGIN).min(SIZE[1] as f64 - MARGIN - v).max(0.0);
         let up = if rng.random() { -1.0 } else { 1.0 };
@@ -226,7 +226,7 @@ impl Args {
             drift_px: Some([0.0, 0.9 * up * reach]),
             ..still
         };
-        Sequence::random(pattern, &config, &clip, seed, self.frames)
+        SynthSequence::random(pattern, &config, &clip, seed, self.frames)
     }
 }
 

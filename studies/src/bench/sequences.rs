@@ -13,7 +13,7 @@ use spindoe::geometry::Rotation;
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, Sequence};
+use spindoe::synth::dataset::{ClipConfig, SynthSequence};
 use spindoe::vision::{Estimator, FrameEstimate};
 use spindoe_studies::frames::{DOTS20, all_conditions, alone, estimator, good_conditions};
 use spindoe_studies::score::{RATES, rates};
@@ -38,7 +38,7 @@ pub fn clip(
         drift_px,
         ..ClipConfig::default()
     };
-    let sequence = Sequence::random(estimator.pattern(), config, &sequence, seed, count)?;
+    let sequence = SynthSequence::random(estimator.pattern(), config, &sequence, seed, count)?;
     let mut ws = estimator.workspace();
     let (mut images, mut truths) = (Vec::new(), Vec::new());
     let (mut times_s, mut frames) = (Vec::new(), Vec::new());

@@ -22,7 +22,7 @@ use spindoe::spin::alias::AliasConfig;
 use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, Sequence};
+use spindoe::synth::dataset::{ClipConfig, SynthSequence};
 use spindoe::vision::Estimator;
 use spindoe_studies::frames::{DOTS20, blur_estimator};
 use spindoe_studies::score::share;
@@ -150,7 +150,8 @@ impl Args {
             exposure_s: Some(exposure_s),
             ..ClipConfig::default()
         };
-        let sequence = Sequence::random(estimator.pattern(), &config, &clip, seed, self.frames)?;
+        let sequence =
+            SynthSequence::random(estimator.pattern(), &config, &clip, seed, self.frames)?;
         let (mut images, mut times_s) = (Vec::new(), Vec::new());
         for k in 0..self.frames {
             let frame = sequence.frame(k)?;

@@ -22,7 +22,7 @@ use spindoe::pattern::Pattern;
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::{Fit, SpinRejection};
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, Sequence};
+use spindoe::synth::dataset::{ClipConfig, SynthSequence};
 use spindoe::vision::{BallCircle, BallView, Camera, Estimator};
 use spindoe_studies::frames::{DOTS20, estimator, good_conditions};
 use spindoe_studies::score::{mean, median, share};
@@ -65,7 +65,7 @@ fn outcomes(
         let (along, angle) = (rng.random_range(100.0..400.0), rng.random_range(0.0..TAU));
         timing.drift_px = Some([along * f64::cos(angle), 0.7 * along * f64::sin(angle)]);
     }
-    let sequence = Sequence::random(pattern, &config, &timing, seed, frames)?;
+    let sequence = SynthSequence::random(pattern, &config, &timing, seed, frames)?;
     let rendered = (0..frames).map(|k| sequence.frame(k));
     let rendered = rendered.collect::<spindoe::Result<Vec<_>>>()?;
     let times: Vec<f64> = rendered.iter().filter_map(|f| f.truth.time_s).collect();

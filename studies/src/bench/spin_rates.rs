@@ -10,7 +10,7 @@ use spindoe::geometry::Vec3;
 use spindoe::spin::alias::{AliasConfig, Alternative, alternatives};
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
-use spindoe::spin::simulate::{Drops, Scenario, Sequence};
+use spindoe::spin::simulate::{Drops, Scenario, SimulatedSequence};
 use spindoe::spin::{Fit, SpinRejection};
 use spindoe::stats::Proportion;
 use spindoe_studies::score::share;
@@ -191,7 +191,7 @@ fn measure(line: &Line, seed: u64, sequences: u64) -> Vec<Judged> {
         .collect()
 }
 
-fn evaluate(fit: Result<Fit, SpinRejection>, sequence: &Sequence) -> Answer {
+fn evaluate(fit: Result<Fit, SpinRejection>, sequence: &SimulatedSequence) -> Answer {
     let truth = sequence.truth.spin;
     let Ok(fit) = fit else {
         return Answer {

@@ -10,7 +10,7 @@ use spindoe::clip::BallsEstimator;
 use spindoe::geometry::CameraFrame;
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::Frame;
+use spindoe::synth::dataset::SynthFrame;
 use spindoe::vision::frame::{CameraDistance, CameraModel};
 use spindoe::vision::{
     Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior,
@@ -139,7 +139,7 @@ impl Args {
         &self,
         trials: &ExposureTrials,
         all: &BallsEstimator,
-        frame: &Frame,
+        frame: &SynthFrame,
         k: u64,
     ) -> spindoe::Result<Read> {
         let single = &all.estimators()[0];

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use spindoe::clip::frame_table::read_clock;
 use spindoe::source::FrameSource;
 use spindoe::source::files::{open, sources};
-use spindoe::vision::Calibration;
+use spindoe::vision::CameraCalibration;
 
 /// Changed files of each kind; `SPINDOE_CHANGED=10000` tries more.
 fn count() -> u64 {
@@ -77,14 +77,14 @@ const CALIBRATIONS: [&str; 11] = [
 fn changed_calibrations_neither_panic_nor_say_much() {
     let path = Path::new("calibration");
     for (kind, text) in CALIBRATIONS.into_iter().enumerate() {
-        let whole = Calibration::from_bytes(path, None, text.as_bytes());
+        let whole = CameraCalibration::from_bytes(path, None, text.as_bytes());
         let is_one = !matches!(kind, 4 | 10);
         assert_eq!(whole.is_ok(), is_one, "{whole:?}");
         let mut rng = ChaCha8Rng::seed_from_u64(6000 + kind as u64);
         for k in 0..count() {
             let bytes = changed(text.as_bytes(), &mut rng);
             let name = [None, Some("left"), Some("cam0"), Some("8")][k as usize % 4];
-            match Calibration::from_bytes(path, name, &bytes) {
+            match CameraCalibration::from_bytes(path, name, &bytes) {
                 Err(error) => is_short(&error, path),
                 Ok(read) => {
                     let sized = [[640, 480], [320, 240], [480, 640]];
@@ -128,7 +128,7 @@ fn changed_pictures_videos_and_times_neither_panic_nor_say_much() {
             }
             kind @ 5..7 => {
                 let bytes = changed(&archives[kind - 5], &mut rng);
-                if let Err(error) = Calibration::from_bytes(&path, None, &bytes) {
+                if let Err(error) = CameraCalibration::from_bytes(&path, None, &bytes) {
                     is_short(&error, &path);
                 }
             }

@@ -7,8 +7,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use spindoe::calibrate::live::LiveClip;
 use spindoe::calibrate::{
-    CalibratedDot, CalibrationConfig, KnownDots, Side, SurfaceObserver, UnknownRejection,
-    build_pattern, calibrate_built, identify_frames, survey,
+    CalibratedDot, CalibrationConfig, KnownDots, Side, SurfaceObserver, Survey, UnknownRejection,
+    calibrate_built, identify_frames, survey,
 };
 use spindoe::clip::{BallEstimate, BatchConfig, BatchObserver};
 use spindoe::geometry::{Rotation, Vec3, angle_between, spiral_directions};
@@ -57,8 +57,16 @@ pub fn worst(built: &Pattern, truth: &Pattern) -> Option<f64> {
     Some(worst)
 }
 
+/// What detections alone say where the frames show nothing else.
+fn surveyed(clip: &ClipConfig, truth: &Pattern) -> Survey {
+    let frames = detections(truth.dots(), clip).frames;
+    let shown = vec![PaintedFrame::default(); frames.len()];
+    let config = CalibrationConfig::default();
+    survey(&frames, &shown, &KnownDots::Nothing, &config).unwrap()
+}
+
 #[test]
-fn patterns_are_built_from_clips_alone() {
+fn detections_alone_hang_together_and_give_each_dot_once() {
     for seed in 0..crate::common::few_or_all(2, 4) as u64 {
         let truth = crate::common::random_pattern(16 + 2 * seed as usize, 50 + seed);
         let clip = ClipConfig {
@@ -66,51 +74,12 @@ fn patterns_are_built_from_clips_alone() {
             seed,
             ..ClipConfig::default()
         };
-        let clip = detections(truth.dots(), &clip);
-        let found = build_pattern(
-            &clip.frames,
-            None,
-            &KnownDots::Nothing,
-            &CalibrationConfig::default(),
-        )
-        .unwrap();
-        let built = found.unwrap_or_else(|rejection| panic!("seed {seed}: {rejection}"));
-        assert!(built.blind < 0.03, "seed {seed}: {} blind", built.blind);
-        let built = built.pattern;
-        let worst = worst(&built, &truth).map(f64::to_degrees);
-        assert!(
-            worst.is_some_and(|w| w < 1.0),
-            "seed {seed}: {worst:?} deg, {} dots",
-            built.len()
-        );
-    }
-}
-
-#[test]
-fn marks_that_look_unlike_the_dots_are_left_out() {
-    let truth = crate::common::random_pattern(16, 70);
-    let apart = |v: &Vec3| truth.dots().iter().all(|d| angle_between(d, v) > 0.3);
-    let mark = spindoe::geometry::spiral_directions(500).find(apart);
-    let mut seen = truth.dots().to_vec();
-    seen.push(mark.unwrap());
-    for (unlike, expected, dots) in [
-        (vec![16], KnownDots::Nothing, Some(16)),
-        (vec![16], KnownDots::Number(16), Some(16)),
-        (vec![], KnownDots::Nothing, Some(17)),
-        (vec![], KnownDots::Number(18), None),
-    ] {
-        let clip = ClipConfig {
-            frames: 160,
-            unlike,
-            ..ClipConfig::default()
-        };
-        let clip = detections(&seen, &clip);
-        let found =
-            build_pattern(&clip.frames, None, &expected, &CalibrationConfig::default()).unwrap();
+        let found = surveyed(&clip, &truth);
+        assert!(found.placed.len() > 150, "seed {seed}: {found:?}");
         assert_eq!(
-            found.as_ref().ok().map(|b| b.pattern.len()),
-            dots,
-            "{found:?}"
+            found.pattern,
+            Err(UnknownRejection::NoDots),
+            "no surface, no pattern"
         );
     }
 }
@@ -118,42 +87,13 @@ fn marks_that_look_unlike_the_dots_are_left_out() {
 #[test]
 fn what_is_missing_for_a_pattern_is_said() {
     let truth = crate::common::random_pattern(20, 60);
-    let config = CalibrationConfig::default();
     let short = ClipConfig {
         frames: 6,
         ..ClipConfig::default()
     };
-    let found = build_pattern(
-        &detections(truth.dots(), &short).frames,
-        None,
-        &KnownDots::Nothing,
-        &config,
-    )
-    .unwrap();
+    let found = surveyed(&short, &truth).pattern;
     assert!(
         matches!(found, Err(UnknownRejection::TooFewFrames { .. })),
-        "{found:?}"
-    );
-    let still = ClipConfig {
-        step: 0.002,
-        precession: 0.0,
-        ..ClipConfig::default()
-    };
-    let found = build_pattern(
-        &detections(truth.dots(), &still).frames,
-        None,
-        &KnownDots::Nothing,
-        &config,
-    )
-    .unwrap();
-    assert!(
-        matches!(found, Err(UnknownRejection::NotCovered { .. })),
-        "{found:?}"
-    );
-    let clip = detections(truth.dots(), &ClipConfig::default());
-    let found = build_pattern(&clip.frames, None, &KnownDots::Number(19), &config).unwrap();
-    assert!(
-        matches!(found, Err(UnknownRejection::WrongNumber { found: 20, .. })),
         "{found:?}"
     );
 }
@@ -241,7 +181,9 @@ fn a_ball_is_built_from_what_its_frames_show_and_print_is_no_dot() {
     let axes = [Vec3::x(), Vec3::y()];
     let config = CalibrationConfig::default();
     let (frames, shown) = filmed(&truth, &[], &axes);
-    let found = build_pattern(&frames, Some(&shown), &KnownDots::Nothing, &config).unwrap();
+    let found = survey(&frames, &shown, &KnownDots::Nothing, &config)
+        .unwrap()
+        .pattern;
     let built = found
         .unwrap_or_else(|rejection| panic!("{rejection}"))
         .pattern;
@@ -252,19 +194,35 @@ fn a_ball_is_built_from_what_its_frames_show_and_print_is_no_dot() {
         built.len()
     );
 
+    let number = KnownDots::Number(truth.len() - 1);
+    let found = survey(&frames, &shown, &number, &config).unwrap().pattern;
+    let other = UnknownRejection::WrongNumber {
+        expected: truth.len() - 1,
+        found: truth.len(),
+    };
+    assert_eq!(found, Err(other));
+
     // A bar as long as three dots: a pattern without it, or none.
     let apart = |v: &Vec3| truth.dots().iter().all(|d| angle_between(d, v) > 0.5);
     let free = spiral_directions(500).find(apart).unwrap();
     let (frames, shown) = filmed(&truth, &[mark(free, 0.12, 0.7)], &axes);
-    let found = build_pattern(&frames, Some(&shown), &KnownDots::Nothing, &config).unwrap();
+    let found = survey(&frames, &shown, &KnownDots::Nothing, &config)
+        .unwrap()
+        .pattern;
     if let Ok(built) = &found {
         assert_eq!(built.pattern.len(), truth.len(), "the bar is a dot");
     }
 
     // Seen from the sides of one axis only, both ends of which stay in sight.
     let (frames, shown) = filmed(&truth, &[], &[Vec3::z()]);
-    let found = build_pattern(&frames, Some(&shown), &KnownDots::Nothing, &config).unwrap();
-    assert!(found.is_err(), "{found:?}");
+    let found = survey(&frames, &shown, &KnownDots::Nothing, &config)
+        .unwrap()
+        .pattern;
+    let is_of_sides = matches!(
+        found,
+        Err(UnknownRejection::NotCovered { .. } | UnknownRejection::TurnedAway { .. })
+    );
+    assert!(is_of_sides, "{found:?}");
 }
 
 #[test]
@@ -287,7 +245,9 @@ fn dots_that_run_into_one_mark_are_told_apart_and_measured() {
     let axes = [Vec3::x(), Vec3::y(), Vec3::new(1.0, 1.0, 0.0).normalize()];
     let (frames, shown) = seen_in(pictures_of(&truth, &[], &axes, &looks));
     let config = CalibrationConfig::default();
-    let found = build_pattern(&frames, Some(&shown), &KnownDots::Nothing, &config).unwrap();
+    let found = survey(&frames, &shown, &KnownDots::Nothing, &config)
+        .unwrap()
+        .pattern;
     let built = found.unwrap_or_else(|rejection| panic!("{rejection}"));
     let frames = identify_frames(
         &Ball::new(built.pattern.clone()),

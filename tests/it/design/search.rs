@@ -374,7 +374,7 @@ fn a_candidate_is_rated_over_all_views_and_no_trial_serves_twice() {
     let found = design(&config, &mut state, &go, &mut ()).unwrap();
     // Of every start one candidate was tried, or it misses a constraint; the pool holds the best three of the round.
     assert_eq!(state.pool.len(), 3);
-    let rate = |c: &spindoe::design::Candidate, seed: u64, samples: u64| {
+    let rate = |c: &spindoe::design::DesignCandidate, seed: u64, samples: u64| {
         let ball = Ball::new(c.pattern().unwrap());
         let parts = config.protocols.iter().map(|&protocol| {
             let part = ValidationConfig {
@@ -607,7 +607,7 @@ fn a_stop_ends_a_descent_after_the_step_at_hand() {
 
 #[test]
 fn a_pattern_short_of_the_goal_stands_behind_all_others() {
-    let bound = |c: &spindoe::design::Candidate| {
+    let bound = |c: &spindoe::design::DesignCandidate| {
         let pattern = c.pattern().unwrap();
         OrientationBound::default().summary(pattern.dots())
     };

@@ -9,7 +9,7 @@ use spindoe::geometry::{Rotation, Vec3, random_direction, random_rotation};
 use spindoe::spin::alias::{AliasConfig, Alternative, SpinEvidence, alternatives};
 use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::{RobustEstimator, SpinConfig, standard_deviations};
-use spindoe::spin::simulate::{Scenario, Sequence, stream};
+use spindoe::spin::simulate::{Scenario, SimulatedSequence, stream};
 use spindoe::spin::{Fit, Measurement};
 use spindoe::validate::Proportion;
 
@@ -26,7 +26,7 @@ fn estimate(measurements: &[Measurement]) -> (Fit, Vec<Alternative>) {
     (fit, others)
 }
 
-fn fast(jitter: f64, seed: u64, index: u64) -> Sequence {
+fn fast(jitter: f64, seed: u64, index: u64) -> SimulatedSequence {
     let scenario = Scenario {
         jitter,
         ..Scenario::default()

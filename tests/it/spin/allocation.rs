@@ -2,7 +2,7 @@
 
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
 use spindoe::spin::shared::SharedError;
-use spindoe::spin::simulate::{Scenario, Sequence};
+use spindoe::spin::simulate::{Scenario, SimulatedSequence};
 
 #[test]
 fn a_warm_estimator_does_not_allocate() {
@@ -10,7 +10,7 @@ fn a_warm_estimator_does_not_allocate() {
         outliers: 0.3,
         ..Scenario::default()
     };
-    let answered = |s: &Sequence| {
+    let answered = |s: &SimulatedSequence| {
         let mut estimator = RobustEstimator::new(SpinConfig::default());
         estimator.fit(&s.measurements).is_ok()
     };

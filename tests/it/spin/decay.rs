@@ -5,10 +5,10 @@ use std::f64::consts::TAU;
 use rayon::prelude::*;
 use spindoe::geometry::Vec3;
 use spindoe::spin::SpinRejection;
-use spindoe::spin::air::{Air, Ball, boundary_layer_decay, creeping_decay};
+use spindoe::spin::air::{Air, FlyingBall, boundary_layer_decay, creeping_decay};
 use spindoe::spin::decay::{DecayFit, DecayOutcome, fit_decay};
 use spindoe::spin::robust::SpinConfig;
-use spindoe::spin::simulate::{Drops, Scenario, Sequence, decayed_time, stream};
+use spindoe::spin::simulate::{Drops, Scenario, SimulatedSequence, decayed_time, stream};
 use spindoe::spin::windows::spin_over_time;
 
 /// The paper's flight: 0.6 s at 350 frames per second.
@@ -20,11 +20,11 @@ fn flight(decay_per_s: f64) -> Scenario {
     }
 }
 
-fn outcome(sequence: &Sequence) -> DecayOutcome {
+fn outcome(sequence: &SimulatedSequence) -> DecayOutcome {
     fit_decay(&sequence.measurements, &SpinConfig::default()).unwrap()
 }
 
-fn fit(sequence: &Sequence) -> DecayFit {
+fn fit(sequence: &SimulatedSequence) -> DecayFit {
     match outcome(sequence) {
         DecayOutcome::Found { fit, .. } => fit,
         other => panic!("expected a decay, found {other:?}"),
@@ -231,7 +231,7 @@ fn time_runs_slower_for_a_decaying_spin() {
 
 #[test]
 fn theory_is_worked_out_right() {
-    let (ball, air) = (Ball::default(), Air::default());
+    let (ball, air) = (FlyingBall::default(), Air::default());
     // 12 pi 1.81e-5 0.02 / 0.0027, by hand: the paper's "about 0.005".
     let creeping = creeping_decay(&ball, &air);
     assert!((creeping - 0.005_054).abs() < 1e-6, "{creeping}");

@@ -10,7 +10,7 @@ use spindoe::geometry::{Rotation, Vec3, random_direction, random_rotation};
 use spindoe::spin::motion::ConstantSpin;
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
 use spindoe::spin::robust::{MagnitudePrior, RobustEstimator, SpinConfig};
-use spindoe::spin::simulate::{Drops, Scenario, Sequence, stream};
+use spindoe::spin::simulate::{Drops, Scenario, SimulatedSequence, stream};
 use spindoe::spin::{Fit, Measurement, SpinRejection};
 use spindoe::validate::Proportion;
 
@@ -201,7 +201,7 @@ fn sample(scenario: &Scenario, rps: (f64, f64), seed: u64, count: u64) -> Sample
     }
 }
 
-fn bound(sequence: &Sequence, scenario: &Scenario) -> Option<SpinBound> {
+fn bound(sequence: &SimulatedSequence, scenario: &Scenario) -> Option<SpinBound> {
     let right = |k: usize| !sequence.outlier[k];
     let truth = sequence.truth.spin;
     SpinBound::of(&truth, &sequence.measurements, scenario.sigma_rad, right)
@@ -324,7 +324,7 @@ fn the_same_measurements_give_the_same_bits() {
         .map(|s| robust(&s.measurements))
         .collect();
     assert_eq!(fresh, threads);
-    let paper = |s: &Sequence| quatera(&s.measurements);
+    let paper = |s: &SimulatedSequence| quatera(&s.measurements);
     let once: Vec<_> = sequences.iter().map(paper).collect();
     assert_eq!(once, sequences.iter().map(paper).collect::<Vec<_>>());
 }

@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 use serde_json::{Value, json};
 use spindoe::geometry::{Position, Vec3};
-use spindoe::spin::golf::{Flight, GolfSpin, SpinType};
+use spindoe::spin::golf::{GolfFlight, GolfSpin, SpinType};
 use spindoe::spin::golf_shot::{Launch, Shot};
 
 /// Speed, directions and spin of the document's example: 147.5 mph, 2.3 deg to the right, 14.3 deg up, an axis of -13.2 deg at 3250 rpm.
@@ -12,19 +12,19 @@ const RIGHT_DEG: f64 = 2.3;
 const UP_DEG: f64 = 14.3;
 
 /// The axes of who looks along a flight in the picture: ahead, right and up.
-fn axes(flight: Flight) -> [Vec3; 3] {
+fn axes(flight: GolfFlight) -> [Vec3; 3] {
     let (x, y, z) = (Vec3::x(), Vec3::y(), Vec3::z());
     match flight {
         // A level camera to the player's right sees the ball fly to the left, and the other way round.
-        Flight::Right => [x, z, y],
-        Flight::Left => [-x, -z, y],
+        GolfFlight::Right => [x, z, y],
+        GolfFlight::Left => [-x, -z, y],
         // One that looks down.
-        Flight::Up => [y, x, z],
-        Flight::Down => [-y, -x, z],
+        GolfFlight::Up => [y, x, z],
+        GolfFlight::Down => [-y, -x, z],
     }
 }
 
-fn shot(flight: Flight, rifle_rad_s: f64) -> Shot {
+fn shot(flight: GolfFlight, rifle_rad_s: f64) -> Shot {
     let [ahead, right, up] = axes(flight);
     let (h, v) = (RIGHT_DEG.to_radians(), UP_DEG.to_radians());
     let velocity = SPEED_M_S * (v.cos() * (h.cos() * ahead + h.sin() * right) + v.sin() * up);
@@ -53,7 +53,7 @@ fn shot(flight: Flight, rifle_rad_s: f64) -> Shot {
 
 #[test]
 fn the_numbers_of_the_formats_example_come_back() {
-    for flight in Flight::ALL {
+    for flight in GolfFlight::ALL {
         let shot = shot(flight, 30.0);
         let message: Value = serde_json::from_str(&json!(shot).to_string()).unwrap();
         for name in [
@@ -92,7 +92,7 @@ fn the_numbers_of_the_formats_example_come_back() {
 
 #[test]
 fn what_is_not_known_is_not_said() {
-    let known = shot(Flight::Right, 0.0);
+    let known = shot(GolfFlight::Right, 0.0);
     let message = json!(Shot {
         launch: None,
         ..known

@@ -7,14 +7,14 @@ use spindoe::geometry::Vec3;
 use spindoe::spin::decay::fit_decay;
 use spindoe::spin::precession::fit_precession;
 use spindoe::spin::robust::{RobustEstimator, SpinConfig};
-use spindoe::spin::simulate::{Scenario, Sequence, stream};
+use spindoe::spin::simulate::{Scenario, SimulatedSequence, stream};
 use spindoe::spin::windows::constant_stretches;
 use spindoe::spin::{Measurement, SpinRejection};
 
 const FRAMES: usize = 20_000;
 
 /// A minute at 300 frames per second.
-fn recording(decay_per_s: f64, seed: u64) -> Sequence {
+fn recording(decay_per_s: f64, seed: u64) -> SimulatedSequence {
     let scenario = Scenario {
         frames: FRAMES,
         fps: 300.0,

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use spindoe::vision::{Calibration, Lens};
+use spindoe::vision::{CameraCalibration, Lens};
 
 /// What a file is read as: fx, fy, cx, cy, skew; the lens; columns and rows.
 struct Right {
@@ -20,8 +20,8 @@ fn right(numbers: [f64; 5], lens: spindoe::Result<Lens>, size: Option<[f64; 2]>)
     }
 }
 
-fn read(name: Option<&str>, text: &str) -> spindoe::Result<Calibration> {
-    Calibration::from_text(Path::new("camera"), name, text)
+fn read(name: Option<&str>, text: &str) -> spindoe::Result<CameraCalibration> {
+    CameraCalibration::from_text(Path::new("camera"), name, text)
 }
 
 #[test]

@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 use spindoe::geometry::{Vec3, random_direction_above, tangent_frame};
 use spindoe::recognize::DotUncertainty;
 use spindoe::synth::view::View;
-use spindoe::vision::{BallCircle, BallView, Calibration, Camera, Intrinsics, Lens, Pixel};
+use spindoe::vision::{BallCircle, BallView, Camera, CameraCalibration, Intrinsics, Lens, Pixel};
 
 const CIRCLE: BallCircle = BallCircle::new(Pixel { u: 31.0, v: 29.5 }, 28.0);
 const PINHOLE: Camera = Camera::Perspective(Intrinsics::pinhole(320.0, 320.0, -80.0, 150.0));
@@ -192,7 +192,7 @@ fn the_covariance_is_that_of_many_noisy_pixels() {
 #[test]
 fn archives_of_numpy_are_read() {
     let data = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/vision/data");
-    let read = |name: &str| Calibration::read(&data.join(name)).expect(name);
+    let read = |name: &str| CameraCalibration::read(&data.join(name)).expect(name);
     for (name, lens, size) in [
         (
             "numpy.npz",

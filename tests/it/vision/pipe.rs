@@ -11,7 +11,7 @@ use spindoe::source::grab::{Grabber, QUEUE, WhenFull, queue};
 use spindoe::source::pipe::{PipeFormat, PipeReader};
 use spindoe::source::{Frame, FrameSource};
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, Sequence};
+use spindoe::synth::dataset::{ClipConfig, SynthSequence};
 
 fn images() -> Vec<RgbImage> {
     let pattern = crate::common::random_pattern(20, 5);
@@ -24,7 +24,7 @@ fn images() -> Vec<RgbImage> {
         spin: Some([40.0, 150.0, -60.0]),
         ..ClipConfig::default()
     };
-    let sequence = Sequence::random(&pattern, &config, &sequence, 3, 8).unwrap();
+    let sequence = SynthSequence::random(&pattern, &config, &sequence, 3, 8).unwrap();
     (0..8).map(|k| sequence.frame(k).unwrap().image).collect()
 }
 
@@ -215,6 +215,39 @@ fn the_command_answers_each_frame_at_once() {
         assert!((found.as_f64().unwrap() - expected).abs() < 10.0, "{last}");
     }
     assert!(last["spin"]["std_rad_s"].is_array());
+}
+
+/// A webcam shows people as a mirror does.
+#[test]
+fn the_command_says_that_frames_are_mirrored() {
+    let dir = tempfile::tempdir().unwrap();
+    let pattern = crate::common::random_pattern(20, 5);
+    pattern.write_csv(&dir.path().join("pattern.csv")).unwrap();
+    let (images, mut bytes) = (images(), Vec::new());
+    for image in images.iter().chain(&images).chain(&images) {
+        let mirrored = Picture::Color(image.clone()).mirrored().unwrap();
+        bytes.extend(mirrored.to_rgb().unwrap().to_bytes());
+    }
+    std::fs::write(dir.path().join("frames"), bytes).unwrap();
+    let raw = format!("{}x{},rgb", images[0].width(), images[0].height());
+    let live = |more: &[&str]| {
+        let all = ["live", "--table", "pattern.csv", "frames", "--raw", &raw];
+        let all = [&all[..], &["--fps", "350"], more].concat();
+        crate::common::spindoe(dir.path(), &all)
+    };
+    let output = live(&[]);
+    assert_eq!(output.status.code(), Some(3));
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(
+        words.matches("the images are mirrored").count(),
+        1,
+        "{words}"
+    );
+    assert!(words.contains("--mirrored reads them"), "{words}");
+    let output = live(&["--mirrored"]);
+    assert_eq!(output.status.code(), Some(0));
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!words.contains("note"), "{words}");
 }
 
 #[test]

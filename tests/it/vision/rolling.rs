@@ -11,7 +11,7 @@ use spindoe::image::ImageView;
 use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, Frame, Sequence};
+use spindoe::synth::dataset::{ClipConfig, SynthFrame, SynthSequence};
 use spindoe::vision::frame::CameraModel;
 use spindoe::vision::{DetectorName, Estimator, EstimatorConfig, FrameEstimate};
 
@@ -22,7 +22,7 @@ const FRAMES: usize = 10;
 struct Clip {
     spin: Vec3,
     estimator: Estimator,
-    frames: Vec<Frame>,
+    frames: Vec<SynthFrame>,
     /// Of the first rows.
     times_s: Vec<f64>,
 }
@@ -50,7 +50,7 @@ impl Clip {
             drift_px: Some([0.0; 2]),
             readout_s,
         };
-        let middle = Sequence::random(&pattern, &config, &still, seed, FRAMES).unwrap();
+        let middle = SynthSequence::random(&pattern, &config, &still, seed, FRAMES).unwrap();
         let v = middle.scene(0).0.circle.center.v;
         // Over the whole picture as far as the ball has come.
         let reach = 2.0 * (v - 40.0).min(ROWS as f64 - 40.0 - v);
@@ -58,7 +58,7 @@ impl Clip {
             drift_px: Some([0.0, 0.9 * reach]),
             ..still
         };
-        let sequence = Sequence::random(&pattern, &config, &clip, seed, FRAMES).unwrap();
+        let sequence = SynthSequence::random(&pattern, &config, &clip, seed, FRAMES).unwrap();
         let config = EstimatorConfig {
             camera: CameraModel::Known(sequence.scene(0).0.camera),
             ..EstimatorConfig::default()

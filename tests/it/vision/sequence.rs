@@ -12,7 +12,7 @@ use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
 use spindoe::recognize::Hint;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
+use spindoe::synth::dataset::{ClipConfig, SynthSequence, independent_frame};
 use spindoe::vision::dots::detector::DotDetection;
 use spindoe::vision::frame::{Outline, OutlineSource, Pose};
 use spindoe::vision::{
@@ -236,8 +236,9 @@ fn the_spin_is_as_well_known_as_its_covariance_says() {
     let mut distances = Vec::new();
     let clips = few_or_all(20, 40);
     for seed in 0..clips as u64 {
-        let sequence = Sequence::random(&pattern, &frames_config, &sequence_config, 3000 + seed, 8)
-            .expect("a sequence");
+        let sequence =
+            SynthSequence::random(&pattern, &frames_config, &sequence_config, 3000 + seed, 8)
+                .expect("a sequence");
         let rendered = (0..8).map(|k| sequence.frame(k).expect("a frame"));
         let rendered: Vec<_> = rendered.collect();
         let times: Vec<f64> = rendered.iter().filter_map(|f| f.truth.time_s).collect();
@@ -287,7 +288,7 @@ fn the_spin_of_a_ball_that_crosses_the_picture_is_as_well_known_as_its_covarianc
             ..ClipConfig::default()
         };
         let sequence =
-            Sequence::random(&pattern, &scene, &timing, 88_000 + seed, 8).expect("a sequence");
+            SynthSequence::random(&pattern, &scene, &timing, 88_000 + seed, 8).expect("a sequence");
         let rendered: Vec<_> = (0..8)
             .map(|k| sequence.frame(k).expect("a frame"))
             .collect();

@@ -3,7 +3,7 @@
 use spindoe::clip::{SequenceConfig, estimate_sequence};
 use spindoe::image::ImageView;
 use spindoe::pattern::Pattern;
-use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
+use spindoe::synth::dataset::{ClipConfig, SynthSequence, independent_frame};
 use spindoe::synth::{SynthConfig, SynthKind};
 use spindoe::vision::pose::PoseSource;
 use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
@@ -83,8 +83,8 @@ fn frames_of_16_pixels_help_each_other() {
     for seed in 0..6 {
         let config = config(16.0, SynthKind::Dotted);
         let pattern = estimator.pattern();
-        let sequence =
-            Sequence::random(pattern, &config, &clip, 32_400_601 + seed, count).expect("a clip");
+        let sequence = SynthSequence::random(pattern, &config, &clip, 32_400_601 + seed, count)
+            .expect("a clip");
         let frames: Vec<_> = (0..count)
             .map(|k| sequence.frame(k).expect("a frame"))
             .collect();

@@ -11,7 +11,7 @@ use spindoe::spin::alias::AliasConfig;
 use spindoe::spin::estimate::{MotionModel, SpinEstimate};
 use spindoe::spin::robust::SpinConfig;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, Sequence, independent_frame};
+use spindoe::synth::dataset::{ClipConfig, SynthSequence, independent_frame};
 use spindoe::vision::dots::smear::Turn;
 use spindoe::vision::{Budget, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Prior};
 
@@ -96,7 +96,8 @@ fn smears_settle_what_the_frame_rate_leaves_open() {
             exposure_s: Some(EXPOSURE_S),
             ..ClipConfig::default()
         };
-        let sequence = Sequence::random(pattern, &SynthConfig::good(), &clip, seed, 10).unwrap();
+        let sequence =
+            SynthSequence::random(pattern, &SynthConfig::good(), &clip, seed, 10).unwrap();
         let frames: Vec<_> = (0..10).map(|k| sequence.frame(k).unwrap()).collect();
         let times_s: Vec<f64> = frames.iter().map(|f| f.truth.time_s.unwrap()).collect();
         let images: Vec<_> = frames.iter().map(|f| ImageView::from(&f.image)).collect();

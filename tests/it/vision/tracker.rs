@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use spindoe::clip::{Tracker, TrackerConfig};
 use spindoe::geometry::{Vec3, rotation_angle};
-use spindoe::image::RgbImage;
+use spindoe::image::{Picture, RgbImage};
 use spindoe::pattern::Pattern;
 use spindoe::spin::robust::RobustEstimator;
 use spindoe::spin::shared::SharedError;
 use spindoe::spin::{Measurement, SpinRejection};
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, Sequence};
+use spindoe::synth::dataset::{ClipConfig, SynthSequence};
 use spindoe::vision::{Camera, DetectorName, Estimator, EstimatorConfig};
 
 const SPIN: Vec3 = Vec3::new(40.0, 150.0, -60.0);
@@ -33,7 +33,7 @@ fn clip(count: usize) -> Clip {
         spin: Some(SPIN.into()),
         ..ClipConfig::default()
     };
-    let sequence = Sequence::random(&pattern, &config, &sequence, 3, count).unwrap();
+    let sequence = SynthSequence::random(&pattern, &config, &sequence, 3, count).unwrap();
     let frames = (0..count)
         .map(|k| {
             let frame = sequence.frame(k).unwrap();
@@ -237,6 +237,49 @@ fn a_warm_tracker_does_not_allocate() {
     assert!(cold.count_total > 0, "the counter does not count");
     let warm = allocation_counter::measure(|| run(20, 60));
     assert_eq!(warm.count_total, 0);
+}
+
+/// A stream as one sees it in a mirror is said to be one, until it is none any more.
+#[test]
+fn the_last_frames_say_whether_the_images_are_mirrored() {
+    let clip = clip(60);
+    let mut tracker = tracker(&clip.pattern, TrackerConfig::default());
+    let direct = clip
+        .frames
+        .iter()
+        .map(|(image, _)| Picture::Color(image.clone()));
+    let direct: Vec<Picture> = direct.collect();
+    let mirrored = direct.iter().map(|p| p.clone().mirrored().unwrap());
+    let mirrored: Vec<Picture> = mirrored.collect();
+    let (mut time_s, mut answers) = (0.0, [Vec::new(), Vec::new(), Vec::new()]);
+    for (part, answers) in answers.iter_mut().enumerate() {
+        // A mirror, then two times none.
+        let images = if part == 0 { &mirrored } else { &direct };
+        for image in images.iter().chain(images).chain(images) {
+            time_s += 1.0 / 350.0;
+            let state = tracker.update(image.view().unwrap(), time_s, None).unwrap();
+            let word = state.judgment.as_str();
+            answers.push((word, state.frame.pose().is_some()));
+        }
+    }
+    let [mirror, change, after] = answers;
+    assert!(
+        mirror[20..]
+            .iter()
+            .all(|answer| *answer == ("mirrored", false))
+    );
+    // Half of the window is a fifth of a second of this camera.
+    let is_fitting = |answer: &(&str, bool)| *answer == ("fits", true);
+    assert!(
+        change[80..].iter().filter(|a| is_fitting(a)).count() > 90,
+        "{change:?}"
+    );
+    assert!(
+        after.iter().filter(|a| is_fitting(a)).count() > 170,
+        "{after:?}"
+    );
+    tracker.reset();
+    assert_eq!(tracker.state().judgment.as_str(), "open");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use spindoe::clip::{
 use spindoe::image::{ImageView, RawImage, RawPixel, RgbImage, Roi};
 use spindoe::pattern::Pattern;
 use spindoe::synth::SynthConfig;
-use spindoe::synth::dataset::{ClipConfig, FrameTruth, Sequence};
+use spindoe::synth::dataset::{ClipConfig, FrameTruth, SynthSequence};
 use spindoe::vision::frame::OutlineSource;
 use spindoe::vision::{
     BallCircle, Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate,
@@ -43,7 +43,7 @@ fn clip(seed: u64, count: usize) -> Clip {
     };
     // The first of which the ball stays in view.
     for seed in seed.. {
-        let sequence = Sequence::random(&pattern, &config, &sequence, seed, count).unwrap();
+        let sequence = SynthSequence::random(&pattern, &config, &sequence, seed, count).unwrap();
         let is_whole = |k| sequence.frame(k).unwrap().truth.rim_visible > 0.99;
         if is_whole(0) && is_whole(count - 1) {
             let frame = |k| {

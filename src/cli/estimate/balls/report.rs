@@ -2,13 +2,13 @@
 
 use serde_json::{Value, json};
 
-use crate::cli::estimate::format::Format;
+use crate::cli::estimate::format::ForeignFormat;
 #[cfg(feature = "plot")]
 use crate::cli::estimate::overlay;
 use crate::cli::estimate::verdict::VerdictWords;
 use crate::cli::estimate::written::{
-    ClipRows, FoundSpin, Row, add_spin, ball_json, circle_json, found_spin, own_row, say_times,
-    spin_words,
+    ClipRows, FoundSpin, WrittenRow, add_spin, ball_json, circle_json, found_spin, own_row,
+    say_times, spin_words,
 };
 use crate::cli::estimate::{Asked, Picture};
 use crate::cli::spin_summary;
@@ -33,7 +33,7 @@ use crate::vision::Estimator;
 /// Other hypotheses of an exposure that are named in words.
 const MAX_NAMED: usize = 3;
 
-impl Row {
+impl WrittenRow {
     /// That of a ball with its number, and its table where there are several.
     pub fn of_ball(
         asked: &Asked,
@@ -65,7 +65,7 @@ pub(in crate::cli) fn strobe_rows(
     balls: &[BallEstimate],
     found: &[StrobeHypothesis],
     numbers: &[Option<usize>],
-) -> Vec<Row> {
+) -> Vec<WrittenRow> {
     let lit = found.first().map_or(&[][..], |h| &h.lit[..]);
     let mut rows = Vec::with_capacity(balls.len());
     for (at, (image, flash)) in lit.iter().enumerate() {
@@ -73,7 +73,13 @@ pub(in crate::cli) fn strobe_rows(
         row.frame = name.to_owned();
         row.time_s += start_s;
         row.flash = Some(*flash);
-        rows.push(Row::of_ball(asked, shown_in, row, Some(at), &balls[*image]));
+        rows.push(WrittenRow::of_ball(
+            asked,
+            shown_in,
+            row,
+            Some(at),
+            &balls[*image],
+        ));
     }
     let is_left = |k: &usize| lit.iter().all(|(image, _)| image != k);
     for k in (0..balls.len()).filter(is_left) {
@@ -83,7 +89,9 @@ pub(in crate::cli) fn strobe_rows(
             estimate: &balls[k].frame,
         };
         let row = own_row(named, shown_in);
-        rows.push(Row::of_ball(asked, shown_in, row, numbers[k], &balls[k]));
+        rows.push(WrittenRow::of_ball(
+            asked, shown_in, row, numbers[k], &balls[k],
+        ));
     }
     rows
 }
@@ -110,7 +118,7 @@ pub(in crate::cli::estimate) struct BallRows<'a> {
 }
 
 /// What is reported.
-pub(in crate::cli::estimate) struct Report<'a> {
+pub(in crate::cli::estimate) struct BallsReport<'a> {
     /// For each frame its balls in the order of their numbers.
     rows: ClipRows<'a, Picture>,
     /// For each frame the numbers of its balls.
@@ -121,7 +129,7 @@ pub(in crate::cli::estimate) struct Report<'a> {
     strobes: Vec<(Vec<StrobeHypothesis>, Value)>,
 }
 
-impl<'a> Report<'a> {
+impl<'a> BallsReport<'a> {
     pub fn new(
         asked: &'a Asked,
         batch: &'a Batch<Picture>,
@@ -170,7 +178,7 @@ impl<'a> Report<'a> {
             asked, axes, batch, ..
         } = self.rows;
         let (frames, numbers) = (&batch.frames, &self.numbers);
-        let mut rows: Vec<Vec<Row>> = frames.iter().map(|_| Vec::new()).collect();
+        let mut rows: Vec<Vec<WrittenRow>> = frames.iter().map(|_| Vec::new()).collect();
         let all = numbers.iter().flatten().flatten();
         let count = all.max().map_or(0, |n| n + 1);
         for number in (0..count).map(Some).chain([None]) {
@@ -201,7 +209,7 @@ impl<'a> Report<'a> {
                 });
             }
             for ((k, ball), row) in places.into_iter().zip(file.rows) {
-                rows[k].push(Row::of_ball(asked, axes, row, number, ball));
+                rows[k].push(WrittenRow::of_ball(asked, axes, row, number, ball));
             }
         }
         self.rows.frames = rows;
@@ -297,7 +305,7 @@ impl<'a> Report<'a> {
         if self.rows.identified() == 0 {
             return Some(verdict.rejection().unwrap_or_else(none));
         }
-        let is_without = asked.is_as(Format::Gspro) && self.shots().is_empty();
+        let is_without = asked.is_as(ForeignFormat::Gspro) && self.shots().is_empty();
         is_without.then(|| format!("no spin, and so no shot, in {frames} exposures"))
     }
 
@@ -306,7 +314,7 @@ impl<'a> Report<'a> {
     /// # Errors
     /// Those of [`ClipRows::text`].
     pub fn text(&self) -> Result<String> {
-        match self.rows.asked.is_as(Format::Gspro) {
+        match self.rows.asked.is_as(ForeignFormat::Gspro) {
             true => Ok(self.shots()),
             false => self.rows.text(),
         }

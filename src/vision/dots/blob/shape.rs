@@ -10,7 +10,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 use super::flatten::Flat;
 use super::in_radii;
-use crate::fit::{Damping, Descent, Sums};
+use crate::fit::{DampedDescent, Damping, Sums};
 use crate::vision::dots::patch::{RADIUS, SIZE};
 
 /// Steps to the best shape; one that gains less than this part of the squares is the last.
@@ -56,7 +56,7 @@ pub(crate) struct Blob {
 type Parameters = SVector<f64, 5>;
 
 /// The model of one set of parameters.
-struct Dot {
+struct BlobModel {
     center: Vector2<f64>,
     inverse: Matrix2<f64>,
     /// Depth at the center for a contrast of 1.
@@ -64,7 +64,7 @@ struct Dot {
     z: f64,
 }
 
-impl Dot {
+impl BlobModel {
     fn new(p: &Parameters, blur: f64) -> Option<Self> {
         let (x, y) = in_radii(p[0], p[1]);
         let out = Vector2::new(x, y);
@@ -108,7 +108,7 @@ struct BlobState<'a> {
     variance: f64,
 }
 
-impl Descent for BlobState<'_> {
+impl DampedDescent for BlobState<'_> {
     fn cost(&self) -> f64 {
         self.sums.squares
     }
@@ -144,7 +144,7 @@ pub(crate) fn fit(
 ) -> Option<Blob> {
     let at_start = -f64::from(flat.values()[start.1 as usize * SIZE + start.0 as usize]);
     let mut p = Parameters::new(start.0, start.1, at_start.max(0.1), sigma.ln(), 0.0);
-    let gain = Dot::new(&p, blur)?.gain;
+    let gain = BlobModel::new(&p, blur)?.gain;
     p[2] /= gain.max(0.1);
     let half = (REACH * sigma.hypot(blur)).clamp(WINDOW.0, WINDOW.1);
     let window = BlobWindow {
@@ -171,7 +171,7 @@ impl BlobState<'_> {
             blur,
             ..
         } = window;
-        let dot = Dot::new(p, *blur)?;
+        let dot = BlobModel::new(p, *blur)?;
         let strayed = (p[0] - start.0).hypot(p[1] - start.1) > STRAYED;
         let (x, y) = in_radii(p[0], p[1]);
         if strayed || p[2] <= 0.0 || x.hypot(y) > 1.0 || sums.weights < 8.0 {
@@ -208,11 +208,11 @@ impl<'a> BlobWindow<'a> {
             half,
             blur,
         } = self;
-        let dot = Dot::new(&p, blur)?;
+        let dot = BlobModel::new(&p, blur)?;
         let nudge = 0.02;
         let mut larger = p;
         larger[3] += nudge;
-        let larger = Dot::new(&larger, blur)?;
+        let larger = BlobModel::new(&larger, blur)?;
         let mut sums = Sums::<5>::default();
         let [mut sum, mut squares] = [0.0, 0.0];
         let range = |at: f64| {

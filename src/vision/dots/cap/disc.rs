@@ -19,7 +19,7 @@ const FLAT: f64 = 4.0;
 
 /// A pixel.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Sample {
+pub(crate) struct CapSample {
     /// Where its ray meets the sphere.
     pub direction: Vec3,
     /// Along the ray, away from the camera; of any length.
@@ -29,7 +29,7 @@ pub(crate) struct Sample {
 
 /// Where an iteration stands.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct State {
+pub(crate) struct DiscState {
     pub middle: Vec3,
     pub radius: f64,
     pub blur: f64,
@@ -79,7 +79,7 @@ impl Squares {
 }
 
 /// Where a pixel lies by the disc's edge.
-struct Edge {
+struct EdgeDistance {
     /// From the edge inwards, deviations of the blur.
     inside: f64,
     /// Its derivative by the middle, the radius and the blur.
@@ -88,7 +88,7 @@ struct Edge {
 }
 
 impl Disc {
-    pub fn new(view: &BallView, state: &State, tangents: &[Vec3; 2]) -> Option<Self> {
+    pub fn new(view: &BallView, state: &DiscState, tangents: &[Vec3; 2]) -> Option<Self> {
         let (sin, cos) = state.radius.sin_cos();
         let by_pixel = view.by_pixel(&state.middle)?;
         Some(Self {
@@ -108,7 +108,7 @@ impl Disc {
     }
 
     /// Where the ray of a pixel meets the plane, from the disc's middle on; and its slope there.
-    fn meet(&self, sample: &Sample) -> (Vec3, f64) {
+    fn meet(&self, sample: &CapSample) -> (Vec3, f64) {
         let facing = sample.ray.dot(&self.middle);
         let along = (self.cos - sample.direction.dot(&self.middle)) / facing;
         let away = sample.direction + sample.ray * along - self.middle * self.cos;
@@ -122,7 +122,7 @@ impl Disc {
     }
 
     /// The blur's width changes little with the middle: that is left out of the derivatives.
-    fn edge(&self, sample: &Sample) -> Edge {
+    fn edge(&self, sample: &CapSample) -> EdgeDistance {
         let (away, slope) = self.meet(sample);
         let length = away.norm().max(1e-9);
         let outwards = self.outwards(&away, length);
@@ -139,7 +139,7 @@ impl Disc {
         let rest =
             |of_all: f64, of_width: f64| by_width2 * of_width + by_across * (of_all - of_width);
         let [p, q] = [0, 1].map(|k| rest(self.spread.stretched[k], outwards.stretched[k]));
-        Edge {
+        EdgeDistance {
             inside,
             by: [
                 by_middle * self.tangents[0].dot(&away),
@@ -152,7 +152,7 @@ impl Disc {
     }
 
     /// Pixels from the edge outwards, and from that of a disc that many times as large.
-    pub fn beyond(&self, sample: &Sample, scale: f64) -> [f64; 2] {
+    pub fn beyond(&self, sample: &CapSample, scale: f64) -> [f64; 2] {
         let (away, _) = self.meet(sample);
         let length = away.norm().max(1e-9);
         let pixels = self.outwards(&away, length).sum.max(1e-18).sqrt().recip();
@@ -160,9 +160,9 @@ impl Disc {
     }
 }
 
-impl State {
+impl DiscState {
     /// The value of a pixel, and its derivatives; those by the stretch are the last two of eleven.
-    pub fn shown<const N: usize>(&self, disc: &Disc, sample: &Sample) -> (f64, [f64; N]) {
+    pub fn shown<const N: usize>(&self, disc: &Disc, sample: &CapSample) -> (f64, [f64; N]) {
         let away = sample.direction - self.middle;
         let along = [0, 1].map(|k| disc.tangents[k].dot(&away));
         let edge = disc.edge(sample);

@@ -24,7 +24,7 @@ mod tone;
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};
 
-use self::disc::{DARKEST, Disc, Sample, State};
+use self::disc::{CapSample, DARKEST, Disc, DiscState};
 pub(crate) use self::tone::{CapShape, Tone};
 use crate::fit::{Student, Sums};
 use crate::geometry::{Vec3, tangent_frame};
@@ -113,7 +113,7 @@ pub struct DotBlur {
 /// Fits caps; keeps its memory.
 #[derive(Debug)]
 pub(crate) struct CapFitter {
-    samples: Vec<Sample>,
+    samples: Vec<CapSample>,
     /// Where the last fit ended that found a cap.
     converged: Option<Converged>,
 }
@@ -121,7 +121,7 @@ pub(crate) struct CapFitter {
 /// A cap that was found, and what it was found by.
 #[derive(Debug, Clone, Copy)]
 struct Converged {
-    state: State,
+    state: DiscState,
     tangents: [Vec3; 2],
     shape: CapShape,
     variance: f64,
@@ -269,7 +269,7 @@ impl CapFitter {
                 let Some(direction) = view.direction(place).filter(|d| d.z - horizon >= rim) else {
                     continue;
                 };
-                let sample = Sample {
+                let sample = CapSample {
                     direction,
                     // The camera is at (0, 0, 1 / horizon).
                     ray: direction * horizon - Vec3::z(),
@@ -287,7 +287,7 @@ impl CapFitter {
     }
 
     /// Light and ink by the pixels within and without.
-    fn start(&self, expected: &Vec3, shape: CapShape) -> State {
+    fn start(&self, expected: &Vec3, shape: CapShape) -> DiscState {
         let bend = shape.tone.bend;
         let (mut inside, mut outside) = ([0.0, 0.0], [0.0, 0.0]);
         for sample in &self.samples {
@@ -302,7 +302,7 @@ impl CapFitter {
         }
         let mean = |[sum, count]: [f64; 2]| if count > 0.0 { sum / count } else { 0.5 };
         let light = mean(outside).max(1e-3);
-        State {
+        DiscState {
             middle: *expected,
             radius: shape.radius,
             blur: shape.blur,
@@ -317,7 +317,7 @@ impl CapFitter {
     fn equations<const N: usize>(
         &self,
         disc: &Disc,
-        state: &State,
+        state: &DiscState,
         expected: &[(f64, f64); 3],
         variance: Option<f64>,
     ) -> Option<CapEquations<N>> {
@@ -369,7 +369,7 @@ fn bounds(
 /// The cap, where it is a dot.
 fn judged(
     view: &BallView,
-    state: &State,
+    state: &DiscState,
     tangents: &[Vec3; 2],
     fit: &CapEquations<UNKNOWNS>,
 ) -> Option<Cap> {

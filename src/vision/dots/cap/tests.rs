@@ -73,7 +73,7 @@ fn derivatives_are_those_of_finite_differences() {
     let (view, step) = (view(), 1e-6);
     let middle = Vec3::new(0.45, -0.2, 0.87).normalize();
     let tangents = tangent_frame(&middle);
-    let state = State {
+    let state = DiscState {
         middle,
         radius: 0.09,
         blur: 0.8,
@@ -92,7 +92,7 @@ fn derivatives_are_those_of_finite_differences() {
             v: at.v + dv,
         };
         let direction = view.direction(place).expect("a value");
-        let sample = Sample {
+        let sample = CapSample {
             direction,
             ray: direction * view.horizon() - Vec3::z(),
             value: 0.0,

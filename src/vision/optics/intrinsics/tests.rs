@@ -77,8 +77,8 @@ fn lens() -> Lens {
     Lens::polynomial(&[-0.28, 0.09, 0.0012, -1e-4, 0.0]).expect("a lens")
 }
 
-fn calibration(text: &str, name: Option<&str>) -> Result<Calibration> {
-    Calibration::from_text("camera.yaml".as_ref(), name, text)
+fn calibration(text: &str, name: Option<&str>) -> Result<CameraCalibration> {
+    CameraCalibration::from_text("camera.yaml".as_ref(), name, text)
 }
 
 #[test]
@@ -493,7 +493,7 @@ fn changed_files_neither_panic_nor_say_much() {
                 _ => bytes.insert(at, b"[]{}<>:,-1e9\n #&*"[rng.random_range(0..17)]),
             }
         }
-        if let Err(error) = Calibration::from_bytes("c.yaml".as_ref(), None, &bytes) {
+        if let Err(error) = CameraCalibration::from_bytes("c.yaml".as_ref(), None, &bytes) {
             let error = error.to_string();
             assert!(error.lines().count() == 1 && error.len() < 260, "{error}");
         }

@@ -43,7 +43,7 @@ const MIN_PIXELS: usize = 30;
 
 /// A pixel of the ball.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Sample {
+pub(crate) struct BallSample {
     pub at: Pixel,
     /// Its light over that of the shading.
     pub light: f64,
@@ -66,7 +66,7 @@ pub struct PlacedDot {
 /// The pixels of a ball; their memory is reused.
 #[derive(Debug, Clone)]
 pub(crate) struct Pixels {
-    pub(crate) samples: Vec<Sample>,
+    pub(crate) samples: Vec<BallSample>,
     /// Orthonormal combinations of the weighed shades.
     bases: Vec<[f64; SHADES]>,
     /// What these leave of the light.
@@ -110,7 +110,7 @@ impl Pixels {
                     continue;
                 }
                 let value = f64::from(pixels.gray.at(u as isize, v as isize));
-                self.samples.push(Sample {
+                self.samples.push(BallSample {
                     at: place,
                     light: (1.0 - BEND + BEND * value) * value,
                     weight: 1.0,
@@ -140,7 +140,7 @@ impl Pixels {
             if round + 1 == ROUNDS {
                 break;
             }
-            let off = |s: &Sample| s.light - by.dot(&SVector::from(s.shades));
+            let off = |s: &BallSample| s.light - by.dot(&SVector::from(s.shades));
             self.sorted.clear();
             self.sorted
                 .extend(self.samples.iter().map(|s| off(s).abs()));
@@ -154,7 +154,7 @@ impl Pixels {
                 };
             }
         }
-        let paper = |s: &Sample| by.dot(&SVector::from(s.shades));
+        let paper = |s: &BallSample| by.dot(&SVector::from(s.shades));
         let mean = self.samples.iter().map(paper).sum::<f64>() / count as f64;
         for sample in &mut self.samples {
             let light = paper(sample).max(MIN_LIGHT * mean).max(1e-3);
@@ -165,7 +165,7 @@ impl Pixels {
     }
 
     /// Where a pixel lies in the image, or in the mirrored one.
-    pub(crate) fn at(&self, sample: &Sample, is_mirrored: bool) -> Pixel {
+    pub(crate) fn at(&self, sample: &BallSample, is_mirrored: bool) -> Pixel {
         match is_mirrored {
             true => Pixel {
                 u: 2.0 * self.center.u - sample.at.u,
@@ -176,7 +176,7 @@ impl Pixels {
     }
 
     /// The harmonics there.
-    pub(crate) fn shades(&self, sample: &Sample, is_mirrored: bool) -> [f64; SHADES] {
+    pub(crate) fn shades(&self, sample: &BallSample, is_mirrored: bool) -> [f64; SHADES] {
         let mut shades = sample.shades;
         if is_mirrored {
             [1, 4, 5].into_iter().for_each(|k| shades[k] = -shades[k]);
@@ -191,7 +191,7 @@ impl Pixels {
 
     /// Orthonormal shades by Gram and Schmidt, and what they leave of the light.
     fn orthogonalize(&mut self) {
-        let weighed = |s: &Sample| s.shades.map(|y| s.weight * y);
+        let weighed = |s: &BallSample| s.shades.map(|y| s.weight * y);
         self.bases.clear();
         self.bases.extend(self.samples.iter().map(weighed));
         self.rest.clear();
@@ -231,7 +231,7 @@ impl Pixels {
     /// The logarithm of the likelihood ratio of a dot, whose ink is the usual one, and none.
     fn ratio(&self, [x, y]: [f64; 2], sigma: f64) -> Option<f64> {
         let z2 = 1.0 - x * x - y * y;
-        let blob = Blob::new([x, y], z2.max(0.0).sqrt(), RHO * self.radius, BLUR)?;
+        let blob = BlurredDot::new([x, y], z2.max(0.0).sqrt(), RHO * self.radius, BLUR)?;
         if z2 < 0.03 {
             return None;
         }
@@ -270,14 +270,14 @@ fn deviation(values: &mut [f64]) -> f64 {
 
 /// A blurred dot in the image.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Blob {
+pub(crate) struct BlurredDot {
     pub inverse: Matrix2<f64>,
     /// How the covariance changes with the logarithm of the dot's radius.
     pub by_radius: Matrix2<f64>,
     amplitude: f64,
 }
 
-impl Blob {
+impl BlurredDot {
     /// Of a dot seen at a place (radii to the right and below) and z, of a radius and a blur in pixels.
     pub fn new([x, y]: [f64; 2], z: f64, radius: f64, blur: f64) -> Option<Self> {
         let out = Vector2::new(x, y) / x.hypot(y).max(1e-9);
@@ -308,7 +308,7 @@ mod tests {
     fn a_dot_darkens_as_much_as_it_covers() {
         for (place, z) in [([0.0, 0.0], 1.0f64), ([0.48, -0.64], 0.6)] {
             let radius = 1.3;
-            let blob = Blob::new(place, z, radius, 0.7).expect("a dot");
+            let blob = BlurredDot::new(place, z, radius, 0.7).expect("a dot");
             let mut sum = 0.0;
             for v in -12..=12 {
                 for u in -12..=12 {

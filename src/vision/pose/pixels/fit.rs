@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
-use super::field::{BLUR, Blob, INK, Pixels, PlacedDot, RHO, SHADES, Sample};
+use super::field::{BLUR, BallSample, BlurredDot, INK, Pixels, PlacedDot, RHO, SHADES};
 use crate::fit::{Normal, Student, Sums};
 use crate::geometry::{Rotation, Vec3};
 use crate::pattern::MAX_DOTS;
@@ -36,7 +36,7 @@ const SEEN: f64 = 0.5;
 
 /// The ball's dots, and the ball as its outline has it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Start<'a> {
+pub(crate) struct FitStart<'a> {
     /// The pattern's dots.
     pub dots: &'a [Vec3],
     pub view: BallView,
@@ -46,8 +46,8 @@ pub(crate) struct Start<'a> {
     pub is_unknown: bool,
 }
 
-impl Start<'_> {
-    fn seen(&self, fit: &Fit) -> Option<BallView> {
+impl FitStart<'_> {
+    fn seen(&self, fit: &PixelFit) -> Option<BallView> {
         match self.is_unknown {
             true => BallView::new(
                 &Camera::Near {
@@ -63,15 +63,15 @@ impl Start<'_> {
 
 /// What a fit is made to: a ball's pixels, or those of the mirrored ball.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Problem<'a> {
+pub(super) struct PixelProblem<'a> {
     pub pixels: &'a Pixels,
-    pub start: &'a Start<'a>,
+    pub start: &'a FitStart<'a>,
     pub is_mirrored: bool,
 }
 
 /// What is fitted.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Fit {
+pub(crate) struct PixelFit {
     /// Pattern to view frame.
     pub rotation: Rotation,
     pub circle: BallCircle,
@@ -85,8 +85,8 @@ pub(crate) struct Fit {
     pub scale: f64,
 }
 
-impl Fit {
-    pub fn new(rotation: Rotation, start: &Start<'_>) -> Self {
+impl PixelFit {
+    pub fn new(rotation: Rotation, start: &FitStart<'_>) -> Self {
         let mut light = [0.0; SHADES];
         light[0] = 1.0;
         Self {
@@ -102,7 +102,7 @@ impl Fit {
     }
 
     /// What is known of the unknowns from the fourth on: how far they are off, and the deviation.
-    fn known(&self, start: &Start<'_>) -> [(f64, f64); OWN - 3] {
+    fn known(&self, start: &FitStart<'_>) -> [(f64, f64); OWN - 3] {
         let (a, b) = (start.view.circle(), &self.circle);
         let [center, radius] = start.outline_sigma_px;
         let distance = match start.is_unknown {
@@ -144,7 +144,7 @@ impl Fit {
 struct SeenPixels {
     name: u16,
     at: Pixel,
-    blob: Blob,
+    blob: BlurredDot,
     /// Its place by turn, outline and inverse distance.
     by: SMatrix<f64, 2, 7>,
     /// How far it lies off that, and what the pixels say of that.
@@ -168,8 +168,13 @@ impl Default for Fitter {
 
 impl Fitter {
     /// Fits for so many steps; `None` where that leads nowhere.
-    pub fn fit(&mut self, problem: &Problem<'_>, mut fit: Fit, steps: usize) -> Option<Fit> {
-        let Problem {
+    pub fn fit(
+        &mut self,
+        problem: &PixelProblem<'_>,
+        mut fit: PixelFit,
+        steps: usize,
+    ) -> Option<PixelFit> {
+        let PixelProblem {
             pixels,
             start,
             is_mirrored,
@@ -213,7 +218,7 @@ impl Fitter {
     }
 
     /// Minus the logarithm of the likelihood, for residuals of a deviation.
-    pub fn cost(&mut self, problem: &Problem<'_>, fit: &Fit, scale: f64) -> Option<f64> {
+    pub fn cost(&mut self, problem: &PixelProblem<'_>, fit: &PixelFit, scale: f64) -> Option<f64> {
         self.look(problem, fit)?;
         let term = |sample| {
             let residual = self.residual(problem, sample, fit) / scale;
@@ -227,14 +232,14 @@ impl Fitter {
     }
 
     /// The squares that a match leaves.
-    pub fn squares(&mut self, problem: &Problem<'_>, fit: &Fit) -> Option<f64> {
+    pub fn squares(&mut self, problem: &PixelProblem<'_>, fit: &PixelFit) -> Option<f64> {
         self.look(problem, fit)?;
         let square = |sample| self.residual(problem, sample, fit).powi(2);
         Some(problem.pixels.samples.iter().map(square).sum())
     }
 
-    fn residual(&self, problem: &Problem<'_>, sample: &Sample, fit: &Fit) -> f64 {
-        let Problem {
+    fn residual(&self, problem: &PixelProblem<'_>, sample: &BallSample, fit: &PixelFit) -> f64 {
+        let PixelProblem {
             pixels,
             is_mirrored,
             ..
@@ -248,7 +253,7 @@ impl Fitter {
     }
 
     /// The visible dots.
-    fn look(&mut self, problem: &Problem<'_>, fit: &Fit) -> Option<()> {
+    fn look(&mut self, problem: &PixelProblem<'_>, fit: &PixelFit) -> Option<()> {
         let view = problem.start.seen(fit)?;
         let turn = fit.rotation.to_rotation_matrix();
         let (circle, horizon) = (&fit.circle, view.horizon());
@@ -275,7 +280,7 @@ impl Fitter {
             self.seen.push(SeenPixels {
                 name,
                 at,
-                blob: Blob::new(place, direction.z - horizon, radius, blur)?,
+                blob: BlurredDot::new(place, direction.z - horizon, radius, blur)?,
                 by,
                 moved: Vector2::zeros(),
                 information: Matrix2::zeros(),
@@ -296,7 +301,7 @@ impl Fitter {
             for k in 0..7 {
                 by[k] += by_place[k];
             }
-            let Blob {
+            let BlurredDot {
                 inverse, by_radius, ..
             } = &dot.blob;
             let by_shape = |change: &Matrix2<f64>| {
@@ -311,8 +316,8 @@ impl Fitter {
     /// The visible dots where the pixels have them: each is moved in turn, the others where they are, with the light of the match.
     pub fn place(
         &mut self,
-        problem: &Problem<'_>,
-        fit: &Fit,
+        problem: &PixelProblem<'_>,
+        fit: &PixelFit,
         min_depth: f64,
         out: &mut Vec<PlacedDot>,
     ) {

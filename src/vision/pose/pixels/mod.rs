@@ -21,12 +21,12 @@ mod fit;
 
 pub(crate) use field::Pixels;
 pub use field::PlacedDot;
-pub(crate) use fit::{Fit, Start};
+pub(crate) use fit::{FitStart, PixelFit};
 
 use super::rotations::{self, RotationMatch, RotationSearch, STARTS, SearchWorkspace};
 use super::trust::PixelsEvidence;
 use crate::geometry::Rotation;
-use fit::{Fitter, Problem};
+use fit::{Fitter, PixelProblem};
 
 /// So many of the best rotations are considered for those that are not next to each other: their sums have broad peaks.
 const CONSIDERED: usize = 600;
@@ -46,7 +46,7 @@ pub(crate) type RotationPrior<'a> = &'a dyn Fn(&Rotation) -> f64;
 #[derive(Debug, Clone)]
 pub(crate) struct PixelsMatcher {
     pixels: Pixels,
-    found: Vec<RotationMatch<Fit>>,
+    found: Vec<RotationMatch<PixelFit>>,
     fitter: Fitter,
 }
 
@@ -69,11 +69,11 @@ impl PixelsMatcher {
     /// The best rotation (view frame) by the pixels read. `proposed` are rotations that are tried in any case.
     pub fn best(
         &mut self,
-        start: &Start<'_>,
+        start: &FitStart<'_>,
         proposed: impl Iterator<Item = Rotation>,
         search: &RotationSearch,
         ws: &mut SearchWorkspace,
-    ) -> Option<(Fit, PixelsEvidence)> {
+    ) -> Option<(PixelFit, PixelsEvidence)> {
         self.pixels.fill(&mut ws.terms);
         let (horizon, proposed) = (Some(start.view.horizon()), proposed.take(PROPOSED));
         let Self {
@@ -82,7 +82,7 @@ impl PixelsMatcher {
             fitter,
         } = self;
         search.fit_best(horizon, CONSIDERED, proposed, ws, found, |tried, _| {
-            let begun = Fit::new(tried.rotation, start);
+            let begun = PixelFit::new(tried.rotation, start);
             // What it is worth is weighed when all are fitted.
             Some((
                 fitter.fit(&pixels.problem(start, tried.is_mirrored), begun, STEPS[0])?,
@@ -104,9 +104,9 @@ impl PixelsMatcher {
     /// The same by the rotations that were fitted, with a prior.
     pub fn weigh_expected(
         &mut self,
-        start: &Start<'_>,
+        start: &FitStart<'_>,
         prior: RotationPrior<'_>,
-    ) -> Option<(Fit, PixelsEvidence)> {
+    ) -> Option<(PixelFit, PixelsEvidence)> {
         self.weigh(start, prior);
         let (best, other) = rotations::best(&self.found, |fit| fit.rotation)?;
         let left = self
@@ -120,7 +120,7 @@ impl PixelsMatcher {
     }
 
     /// Weighs what was found by the residuals' deviation of the likeliest, and sorts it, the likeliest first.
-    fn weigh(&mut self, start: &Start<'_>, prior: RotationPrior<'_>) {
+    fn weigh(&mut self, start: &FitStart<'_>, prior: RotationPrior<'_>) {
         let scales = self.found.iter().map(|f| f.fit.scale);
         let scale = scales.fold(f64::INFINITY, f64::min).max(MIN_SCALE);
         for RotationMatch {
@@ -144,8 +144,8 @@ impl PixelsMatcher {
     /// The visible dots where the pixels have them, about a match.
     pub fn place(
         &mut self,
-        start: &Start<'_>,
-        fit: &Fit,
+        start: &FitStart<'_>,
+        fit: &PixelFit,
         min_depth: f64,
         out: &mut Vec<PlacedDot>,
     ) {
@@ -155,8 +155,8 @@ impl PixelsMatcher {
 }
 
 impl Pixels {
-    fn problem<'a>(&'a self, start: &'a Start<'a>, is_mirrored: bool) -> Problem<'a> {
-        Problem {
+    fn problem<'a>(&'a self, start: &'a FitStart<'a>, is_mirrored: bool) -> PixelProblem<'a> {
+        PixelProblem {
             pixels: self,
             start,
             is_mirrored,

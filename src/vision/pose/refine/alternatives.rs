@@ -10,7 +10,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 
-use super::{Drawn, Match, PARAMETERS, PoseState, Prior, Refiner, offset};
+use super::{Drawn, Match, PARAMETERS, PosePrior, PoseRefiner, PoseState, offset};
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::FrameEstimate;
@@ -44,9 +44,9 @@ struct OutlineError {
 
 /// A reading of the outline.
 #[derive(Clone, Copy)]
-pub(super) struct Reading {
+pub(super) struct OutlineReading {
     pub state: PoseState,
-    pub prior: Prior,
+    pub prior: PosePrior,
     /// Minus two logarithms of its evidence.
     cost: f64,
 }
@@ -54,11 +54,11 @@ pub(super) struct Reading {
 /// All readings that could be fitted.
 pub(super) struct Readings {
     /// The likeliest.
-    pub best: Reading,
-    all: [Option<Reading>; MAX_READINGS],
+    pub best: OutlineReading,
+    all: [Option<OutlineReading>; MAX_READINGS],
 }
 
-impl Prior {
+impl PosePrior {
     /// The outline as that of a ball to the other side of the camera's axis, where it may be.
     fn other_side(&self) -> Option<Self> {
         let is_known = matches!(self.camera, CameraModel::Known(_));
@@ -77,17 +77,17 @@ impl Prior {
     }
 }
 
-impl Refiner {
+impl PoseRefiner {
     /// Fits the dots under each reading of the outline.
     pub(super) fn read(
         &self,
         names: &[Vec3],
-        prior: &Prior,
+        prior: &PosePrior,
         rotation: &Rotation,
         frame: &FrameEstimate,
         matches: &[Match],
     ) -> Option<Readings> {
-        let mut all: [Option<Reading>; MAX_READINGS] = Default::default();
+        let mut all: [Option<OutlineReading>; MAX_READINGS] = Default::default();
         let sides = [Some(*prior), prior.other_side()];
         for (side, readings) in sides.iter().flatten().zip(all.chunks_mut(ERRORS.len())) {
             let Some(mut start) = PoseState::new(side, rotation) else {
@@ -98,7 +98,7 @@ impl Refiner {
                 let found = prior.and_then(|prior| {
                     let state = self.fit(names, &prior, start, frame, matches)?;
                     let cost = state.ln_evidence_cost(&prior)? - 2.0 * error.share.ln();
-                    Some(Reading { state, prior, cost })
+                    Some(OutlineReading { state, prior, cost })
                 });
                 // Each begins where the one before ended.
                 start = found.as_ref().map_or(start, |found| found.state);
@@ -115,7 +115,7 @@ impl Readings {
     /// The covariance about the likeliest: that of each, and how far it is off.
     pub fn covariance(&self) -> Option<SMatrix<f64, PARAMETERS, PARAMETERS>> {
         let (mut sum, mut total) = (SMatrix::zeros(), 0.0);
-        for Reading { state, cost, .. } in self.all.iter().flatten() {
+        for OutlineReading { state, cost, .. } in self.all.iter().flatten() {
             let share = (0.5 * (self.best.cost - cost)).exp();
             if share < LEAST_SHARE {
                 continue;
@@ -130,7 +130,7 @@ impl Readings {
 
 impl PoseState {
     /// Minus two logarithms of the evidence of a reading, but for what all have in common.
-    fn ln_evidence_cost(&self, prior: &Prior) -> Option<f64> {
+    fn ln_evidence_cost(&self, prior: &PosePrior) -> Option<f64> {
         let information = self.information.cholesky()?;
         let ln_information: f64 = information.l().diagonal().iter().map(|d| d.ln()).sum();
         let ln_outline = prior.outline.covariance.determinant().ln();
@@ -172,7 +172,7 @@ mod tests {
     use crate::vision::frame::config::EstimatorConfig;
     use crate::vision::frame::outline::{Outline, OutlineSource};
     use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
-    use crate::vision::pose::refine::Refined;
+    use crate::vision::pose::refine::RefinedFrame;
 
     const RADIUS: f64 = 60.0;
     const OUTLINE_PX: f64 = 0.2;
@@ -184,8 +184,8 @@ mod tests {
         sigma * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, rng)
     }
 
-    fn prior_of(circle: BallCircle, source: OutlineSource) -> Prior {
-        Prior {
+    fn prior_of(circle: BallCircle, source: OutlineSource) -> PosePrior {
+        PosePrior {
             outline: Outline {
                 circle,
                 covariance: Matrix3::from_diagonal_element(OUTLINE_PX * OUTLINE_PX),
@@ -199,7 +199,11 @@ mod tests {
     }
 
     /// The error, degrees, and its squared distance, of a ball whose outline is off by so many pixels besides what it states.
-    fn refined(off: [f64; 3], source: OutlineSource, rng: &mut ChaCha8Rng) -> (f64, f64, Refined) {
+    fn refined(
+        off: [f64; 3],
+        source: OutlineSource,
+        rng: &mut ChaCha8Rng,
+    ) -> (f64, f64, RefinedFrame) {
         let names: Vec<Vec3> = spiral_directions(20).collect();
         let rotation = random_rotation(rng);
         let circle = BallCircle::new(Pixel { u: 80.0, v: 80.0 }, RADIUS);
@@ -230,7 +234,7 @@ mod tests {
             RADIUS + radius,
         );
         let prior = prior_of(found, source);
-        let refiner = Refiner::new(&EstimatorConfig::default(), 0.02);
+        let refiner = PoseRefiner::new(&EstimatorConfig::default(), 0.02);
         let mut matches = Vec::new();
         let found = refiner
             .refine(&names, &prior, &rotation, &mut frame, &mut matches)
@@ -277,7 +281,7 @@ mod tests {
             ..best
         };
         for (cost, share) in [(0.0, 0.5), (2.0 * 4f64.ln(), 0.2), (20.0, 0.0)] {
-            let read = |state, cost| Reading { state, prior, cost };
+            let read = |state, cost| OutlineReading { state, prior, cost };
             let best = read(best, 0.0);
             let mut all = [None; MAX_READINGS];
             (all[0], all[1]) = (Some(read(other, cost)), Some(best));

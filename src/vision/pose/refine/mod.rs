@@ -12,11 +12,11 @@ mod prior;
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
-use self::alternatives::Reading;
-pub(crate) use self::placement::Placement;
-use self::placement::{Misfit, Spread, misfit};
+use self::alternatives::OutlineReading;
+pub(crate) use self::placement::DrawnPlacement;
+use self::placement::{DotMisfit, PlacementSpread, misfit};
 use self::prior::bounded;
-pub(crate) use self::prior::{Drawn, Prior};
+pub(crate) use self::prior::{Drawn, PosePrior};
 use crate::fit::{Normal, Student};
 use crate::geometry::{Position, Rotation, Vec3, angle_between, turned_covariance};
 use crate::vision::frame::config::{CameraDistance, CameraModel, EstimatorConfig};
@@ -50,7 +50,7 @@ pub(crate) struct Match {
 }
 
 /// A refined frame.
-pub(crate) struct Refined {
+pub(crate) struct RefinedFrame {
     pub view: BallView,
     /// In the view frame of the corrected outline.
     pub rotation: Rotation,
@@ -66,7 +66,7 @@ pub(crate) struct Refined {
     pub residual_px: f64,
 }
 
-impl Refined {
+impl RefinedFrame {
     /// The pose, in the camera's frame.
     pub fn pose(&self, dots_confidence: f64, confidence: f64, hinted: bool) -> Pose {
         Pose {
@@ -91,8 +91,8 @@ impl Refined {
 
 /// The refinement's settings.
 #[derive(Debug, Clone)]
-pub(crate) struct Refiner {
-    placement: Placement,
+pub(crate) struct PoseRefiner {
+    placement: DrawnPlacement,
     min_depth: f64,
     dot_probability: f64,
     ball_radius_m: f64,
@@ -118,7 +118,7 @@ struct PoseState {
 
 impl PoseState {
     /// At the outline of a prior.
-    fn new(prior: &Prior, rotation: &Rotation) -> Option<Self> {
+    fn new(prior: &PosePrior, rotation: &Rotation) -> Option<Self> {
         Some(Self {
             camera: prior.start,
             view: BallView::new(&prior.start, prior.outline.circle).ok()?,
@@ -131,7 +131,7 @@ impl PoseState {
     }
 
     /// Takes a step.
-    fn go(&mut self, step: &SVector<f64, PARAMETERS>, prior: &Prior) -> Option<()> {
+    fn go(&mut self, step: &SVector<f64, PARAMETERS>, prior: &PosePrior) -> Option<()> {
         let turn = step.fixed_rows::<3>(0).into_owned();
         let turned = Rotation::from_scaled_axis(turn) * self.rotation;
         self.rotation = Rotation::new_normalize(turned.into_inner());
@@ -155,16 +155,16 @@ impl PoseState {
     }
 }
 
-impl Refiner {
+impl PoseRefiner {
     /// With dots that were measured.
-    pub fn with_placement(mut self, placement: Placement) -> Self {
+    pub fn with_placement(mut self, placement: DrawnPlacement) -> Self {
         self.placement = placement;
         self
     }
 
     pub fn new(config: &EstimatorConfig, ball_radius_m: f64) -> Self {
         Self {
-            placement: Placement::Alike(config.placement_sigma_rad.powi(2)),
+            placement: DrawnPlacement::Alike(config.placement_sigma_rad.powi(2)),
             // What the recognizer does not see is still there to be named.
             min_depth: 0.7 * config.recognizer.view.visibility_limit,
             dot_probability: config.dot_probability[1],
@@ -176,11 +176,11 @@ impl Refiner {
     pub fn refine(
         &self,
         names: &[Vec3],
-        prior: &Prior,
+        prior: &PosePrior,
         rotation: &Rotation,
         frame: &mut FrameEstimate,
         matches: &mut Vec<Match>,
-    ) -> Option<Refined> {
+    ) -> Option<RefinedFrame> {
         matches.clear();
         matches.extend(named(frame));
         let mut readings = self.read(names, prior, rotation, frame, matches)?;
@@ -188,7 +188,7 @@ impl Refiner {
         if self.rename(names, found, frame, matches) {
             readings = self.read(names, prior, &found.rotation, frame, matches)?;
         }
-        let Reading {
+        let OutlineReading {
             state,
             prior: reading,
             ..
@@ -208,7 +208,7 @@ impl Refiner {
                 (None, turned_covariance(&state.view.to_camera(), &of_turn))
             }
         };
-        Some(Refined {
+        Some(RefinedFrame {
             view: state.view,
             rotation: state.rotation,
             covariance: of_rotation,
@@ -233,7 +233,7 @@ impl Refiner {
     pub fn misfit(
         &self,
         names: &[Vec3],
-        prior: &Prior,
+        prior: &PosePrior,
         rotation: &Rotation,
         frame: &FrameEstimate,
     ) -> f64 {
@@ -258,7 +258,7 @@ impl Refiner {
     fn evidence(
         &self,
         names: &[Vec3],
-        prior: &Prior,
+        prior: &PosePrior,
         state: &PoseState,
         frame: &FrameEstimate,
         matches: &[Match],
@@ -275,7 +275,7 @@ impl Refiner {
     fn fit(
         &self,
         names: &[Vec3],
-        prior: &Prior,
+        prior: &PosePrior,
         mut state: PoseState,
         frame: &FrameEstimate,
         matches: &[Match],
@@ -308,13 +308,13 @@ impl Refiner {
     fn add_dots(
         &self,
         names: &[Vec3],
-        prior: &Prior,
+        prior: &PosePrior,
         state: &PoseState,
         frame: &FrameEstimate,
         matches: &[Match],
         equations: &mut PoseEquations,
-    ) -> Option<Spread> {
-        let mut spread = Spread::default();
+    ) -> Option<PlacementSpread> {
+        let mut spread = PlacementSpread::default();
         let off_axis = state.view.off_axis(DIFFERENCE);
         for m in matches {
             let dot = &frame.dots[m.detection];
@@ -322,7 +322,7 @@ impl Refiner {
             let expected = state.rotation * names[name];
             let hand = self.placement.covariance(name, &state.rotation, &expected);
             let hand = hand * state.placement;
-            let Misfit {
+            let DotMisfit {
                 residual,
                 inverse,
                 hand,
@@ -357,7 +357,7 @@ impl Refiner {
             let hand = self.placement.covariance(name, &state.rotation, &expected);
             let hand = hand * state.placement;
             match misfit(&state.view, &expected, dot.pixel, &dot.covariance, &hand) {
-                Some(Misfit {
+                Some(DotMisfit {
                     residual, inverse, ..
                 }) => residual.dot(&(inverse * residual)),
                 None => f64::INFINITY,

@@ -13,14 +13,14 @@ pub(super) const LEAST_PLACEMENT: f64 = 1e-6;
 
 /// How far the drawn dots may lie from the pattern's.
 #[derive(Debug, Clone)]
-pub(crate) enum Placement {
+pub(crate) enum DrawnPlacement {
     /// All alike: variance per tangent axis, rad^2.
     Alike(f64),
     /// Measured: each dot's covariance, rad^2, pattern frame.
     Measured(Vec<Matrix3<f64>>),
 }
 
-impl Placement {
+impl DrawnPlacement {
     /// Covariance in the view frame of dot `name`, expected at `expected` under `rotation`.
     pub(super) fn covariance(
         &self,
@@ -43,7 +43,7 @@ impl Placement {
 /// What the residuals say of the placement's variance `t`, by the restricted likelihood's fixed point
 /// `t -> t sum e^T S^-1 P S^-1 e / sum tr(S^-1 P)` (D. Harville, JASA 72, 1977), `P` its part of the dots' covariances `S`.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Spread {
+pub(super) struct PlacementSpread {
     pub(super) seen: f64,
     pub(super) expected: f64,
     pub(super) residuals: f64,
@@ -51,7 +51,7 @@ pub(super) struct Spread {
     pub(super) ln_determinants: f64,
 }
 
-impl Spread {
+impl PlacementSpread {
     /// A dot: `S^-1 P`, `S^-1 e`, `P` and its weight.
     pub(super) fn add(
         &mut self,
@@ -79,7 +79,7 @@ impl Spread {
 }
 
 /// How far a dot is seen from where it is expected.
-pub(super) struct Misfit {
+pub(super) struct DotMisfit {
     pub(super) residual: Vector2<f64>,
     /// Inverse of its covariance.
     pub(super) inverse: Matrix2<f64>,
@@ -94,10 +94,10 @@ pub(super) fn misfit(
     pixel: Pixel,
     covariance: &Matrix2<f64>,
     placement: &Matrix3<f64>,
-) -> Option<Misfit> {
+) -> Option<DotMisfit> {
     let by_direction = view.jacobian(expected);
     let hand = by_direction * placement * by_direction.transpose();
-    Some(Misfit {
+    Some(DotMisfit {
         residual: offset(pixel, view.project(expected)),
         inverse: (covariance + hand).try_inverse()?,
         hand,

@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2};
 use super::{PARAMETERS, PoseEquations, offset};
 use crate::geometry::Vec3;
 use crate::vision::frame::config::CameraModel;
-use crate::vision::frame::estimate::Axis;
+use crate::vision::frame::estimate::PrincipalPointPrior;
 use crate::vision::frame::outline::Outline;
 use crate::vision::optics::camera::{BallView, Camera};
 
@@ -21,7 +21,7 @@ pub(super) const MAX_ECCENTRICITY: f64 = 0.9;
 
 /// What is known before the dots are fitted.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Prior {
+pub(crate) struct PosePrior {
     pub outline: Outline,
     /// What is known of the camera.
     pub camera: CameraModel,
@@ -29,10 +29,10 @@ pub(crate) struct Prior {
     pub start: Camera,
     pub drawn: Drawn,
     /// Where the camera's axis is expected.
-    pub axis: Option<Axis>,
+    pub axis: Option<PrincipalPointPrior>,
 }
 
-impl Prior {
+impl PosePrior {
     /// What it says at a view; `of_outline` is the inverse of the outline's covariance.
     pub(super) fn equations(&self, of_outline: &Matrix3<f64>, view: &BallView) -> PoseEquations {
         let mut all = self.of_outline(of_outline, view);
@@ -99,7 +99,7 @@ impl Prior {
     }
 }
 
-impl Axis {
+impl PrincipalPointPrior {
     /// What it says of the eccentricity and the distance at a view: to first order a ball at `off` radii from the axis
     /// has the eccentricity `off / distance`.
     pub(super) fn add_to(&self, equations: &mut PoseEquations, view: &BallView) {
@@ -152,7 +152,7 @@ mod tests {
     /// What the axis says, as a cost; its gradient is minus a half of the cost's.
     #[test]
     fn the_gradient_of_the_axis_is_that_of_its_cost() {
-        let axis = Axis {
+        let axis = PrincipalPointPrior {
             middle: Pixel { u: 319.5, v: 239.5 },
             sigma_px: 25.6,
         };

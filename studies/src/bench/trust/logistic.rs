@@ -1,7 +1,7 @@
 //! Logistic regression by Newton's method.
 
 use nalgebra::{SMatrix, SVector};
-use spindoe::vision::pose::{FEATURES, PoseEvidence, PoseSource, TrustMap, Weights};
+use spindoe::vision::pose::{FEATURES, PoseEvidence, PoseSource, TrustMap, TrustWeights};
 
 use super::kinds::Judged;
 
@@ -30,7 +30,7 @@ pub fn fit(answers: &[Judged], without: &[usize]) -> TrustMap {
 }
 
 /// The weights for poses by the pixels of small balls that make the answers likeliest.
-pub fn of_pixels(answers: &[Judged]) -> Weights {
+pub fn of_pixels(answers: &[Judged]) -> TrustWeights {
     weights(answers, |evidence| {
         let is_of_pixels = matches!(evidence.source, PoseSource::Pixels(_));
         is_of_pixels.then_some(evidence.features())
@@ -41,15 +41,22 @@ pub fn of_pixels(answers: &[Judged]) -> Weights {
 fn weights(
     answers: &[Judged],
     features: impl Fn(&PoseEvidence) -> Option<[f64; FEATURES]>,
-) -> Weights {
-    const SIZE: usize = FEATURES + 1;
-    let row = |answer: &Judged| {
-        let features = features(&answer.evidence)?;
-        let all = std::iter::once(1.0).chain(features);
-        let x = SVector::<f64, SIZE>::from_iterator(all);
-        Some((x, f64::from(u8::from(answer.is_correct))))
-    };
-    let rows: Vec<_> = answers.iter().filter_map(row).collect();
+) -> TrustWeights {
+    let of = |answer: &Judged| Some((features(&answer.evidence)?, answer.is_correct));
+    regression(answers.iter().filter_map(of))
+}
+
+/// The constant and the weights of `N` features, `SIZE = N + 1`, that make the outcomes likeliest.
+pub fn regression<const N: usize, const SIZE: usize>(
+    rows: impl Iterator<Item = ([f64; N], bool)>,
+) -> [f64; SIZE] {
+    let rows: Vec<_> = rows
+        .map(|(features, outcome)| {
+            let all = std::iter::once(1.0).chain(features);
+            let x = SVector::<f64, SIZE>::from_iterator(all);
+            (x, f64::from(u8::from(outcome)))
+        })
+        .collect();
     let mut w = SVector::<f64, SIZE>::zeros();
     for _ in 0..STEPS {
         let mut hessian = SMatrix::<f64, SIZE, SIZE>::identity() * RIDGE;

@@ -8,7 +8,7 @@ use spindoe::clip::verdict::{
 };
 use spindoe::pattern::Pattern;
 use spindoe::stats::Proportion;
-use spindoe::synth::dataset::{Frame, independent_frame};
+use spindoe::synth::dataset::{SynthFrame, independent_frame};
 use spindoe::vision::Estimator;
 use spindoe_studies::frames::{alone, estimator, good_conditions, name_of};
 use spindoe_studies::score::share;
@@ -51,7 +51,8 @@ fn scored(
     let own = &tables[ball].estimators[0];
     let set = good_conditions();
     let one = |k: u64| {
-        let Frame { image, .. } = independent_frame(own.pattern(), &set.config, seed, k as usize)?;
+        let SynthFrame { image, .. } =
+            independent_frame(own.pattern(), &set.config, seed, k as usize)?;
         let seen = alone(own, &image, &mut own.workspace());
         let scores = tables.iter().map(|table| {
             let [direct, mirrored] = &table.estimators;

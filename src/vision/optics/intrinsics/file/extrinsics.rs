@@ -6,7 +6,7 @@ use nalgebra::Matrix3;
 
 use super::super::tree::{Value, plain};
 use super::rig::cameras;
-use super::{Calibration, keys_of, listed};
+use super::{CameraCalibration, keys_of, listed};
 use crate::error::{Error, Result};
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::optics::rig::{Extrinsics, RigCamera, rotation_of, rotation_of_xyzw};
@@ -212,7 +212,7 @@ pub(super) fn rig(path: &Path, tree: &Value) -> Result<Vec<RigCamera>> {
 }
 
 /// A camera of a file: its name, its level, its intrinsics.
-type Named = (String, Value, Calibration);
+type Named = (String, Value, CameraCalibration);
 
 /// The cameras of a file, those with their intrinsics in another file among them.
 fn named_cameras(path: &Path, tree: &Value) -> Result<Vec<Named>> {
@@ -221,7 +221,7 @@ fn named_cameras(path: &Path, tree: &Value) -> Result<Vec<Named>> {
     let is_elsewhere = |value: &Value| value.get(&["calibration"]).is_some();
     if !tree.entries().iter().any(|(_, value)| is_elsewhere(value)) {
         for (name, camera) in own {
-            let calibration = Calibration::of_camera(path, &camera)?;
+            let calibration = CameraCalibration::of_camera(path, &camera)?;
             named.push((name, camera, calibration));
         }
         return Ok(named);
@@ -229,10 +229,10 @@ fn named_cameras(path: &Path, tree: &Value) -> Result<Vec<Named>> {
     for (name, level) in tree.entries() {
         if let Some(Value::Text(file)) = level.get(&["calibration"]) {
             let folder = path.parent().unwrap_or(Path::new(""));
-            let calibration = Calibration::read(&folder.join(file))?;
+            let calibration = CameraCalibration::read(&folder.join(file))?;
             named.push((name.clone(), level.clone(), calibration));
         } else if let Some((_, camera)) = own.iter().find(|(own, _)| own == name) {
-            let calibration = Calibration::of_camera(path, camera)?;
+            let calibration = CameraCalibration::of_camera(path, camera)?;
             named.push((name.clone(), camera.clone(), calibration));
         }
     }

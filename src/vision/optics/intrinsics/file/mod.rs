@@ -42,7 +42,7 @@ struct Sent {
 
 /// Intrinsics with the images that they are for.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Calibration {
+pub struct CameraCalibration {
     /// Of the images that the file describes.
     pub intrinsics: Intrinsics,
     /// Columns and rows of these images, where the file says.
@@ -56,7 +56,7 @@ pub struct Calibration {
     path: PathBuf,
 }
 
-impl Calibration {
+impl CameraCalibration {
     /// Reads a calibration's file; `FILE:NAME` names one of its cameras.
     ///
     /// # Errors

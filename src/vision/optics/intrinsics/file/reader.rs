@@ -10,7 +10,7 @@ use super::keys::{
     COEFFICIENTS, DISTORTION, FOCAL, HARMLESS, MATRIX, MODEL, NEAR_MODELS, OF_LENS, OF_SIZE,
     OTHER_MODELS, PARAMETERS, SIDES, SIZES, bare,
 };
-use super::{Calibration, Sent, listed};
+use super::{CameraCalibration, Sent, listed};
 use crate::error::{Error, Result};
 use crate::files;
 
@@ -52,7 +52,7 @@ impl<'a> Reader<'a> {
     }
 
     /// The camera, with what is to be known of its keys.
-    pub fn read(mut self) -> Result<Calibration> {
+    pub fn read(mut self) -> Result<CameraCalibration> {
         let (at, matrix) = self.matrix()?;
         let is_fisheye = self.is_fisheye()?;
         let (lens_at, coefficients) = self.coefficients(is_fisheye)?;
@@ -96,7 +96,7 @@ impl<'a> Reader<'a> {
             true => Some([columns, rows]),
             false => size,
         };
-        Ok(Calibration {
+        Ok(CameraCalibration {
             intrinsics: whole.sent(&sent),
             size: seen.map(|seen| [0, 1].map(|k| (seen[k] / sent.binning[k]).floor())),
             whole: size

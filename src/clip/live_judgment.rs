@@ -1,0 +1,129 @@
+//! The [judgment](super::judgment) on a stream: do its last frames show a ball of the table, and in a mirror?
+//!
+//! A stream has no end at which it could be judged as a whole. So its last [`WINDOW`] frames that say anything are weighed: the first
+//! [`EACH`] of them one by one, then one in [`STRIDE`], so that a frame costs little more. The mirrored ball is
+//! looked for in frames without a pose, as long as the poses of the last [`EACH`] leave a doubt.
+//!
+//! Guarantees: no more than [`WINDOW`] scores are kept, and before [`EACH`] frames have said something no pose is taken back. A verdict lasts
+//! as long as the window speaks for it: another ball, shown later, is judged by its own frames.
+
+use std::sync::Arc;
+
+use super::judgment::{Judgment, SURE};
+use super::verdict::{BallHypothesis, FrameScore, Scorer, decide, mirrored_pattern};
+use crate::error::Result;
+use crate::vision::estimator::Estimator;
+use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
+
+/// Frames that have a say.
+const WINDOW: usize = 32;
+/// So many are weighed one by one, before these no pose is taken back, and the last so many say whether a mirror is looked for.
+const EACH: usize = 16;
+/// Of later ones one in so many.
+const STRIDE: usize = 4;
+
+/// What the last frames of a stream of one ball say together.
+#[derive(Debug)]
+pub(super) struct LiveJudgment {
+    direct: Scorer<Arc<Estimator>>,
+    /// Made when frames ask for it.
+    mirrored: Option<Scorer<Arc<Estimator>>>,
+    /// Directly, and in a mirror.
+    judgment: Judgment,
+    /// Frames that said anything.
+    seen: usize,
+    /// Memory for the frame in a mirror.
+    frame: FrameEstimate,
+}
+
+impl LiveJudgment {
+    /// For a ball's estimator.
+    ///
+    /// # Errors
+    /// As [`Scorer::new`].
+    pub fn new(estimator: Arc<Estimator>) -> Result<Self> {
+        let unseen = |is_mirrored| BallHypothesis {
+            table: 0,
+            is_mirrored,
+            frames: Vec::with_capacity(WINDOW),
+            has_common_motion: false,
+        };
+        Ok(Self {
+            direct: Scorer::new(estimator)?,
+            mirrored: None,
+            judgment: Judgment {
+                hypotheses: vec![unseen(false), unseen(true)],
+                ..Judgment::default()
+            },
+            seen: 0,
+            frame: FrameEstimate::default(),
+        })
+    }
+
+    /// Nothing was seen yet.
+    pub fn reset(&mut self) {
+        let hypotheses = std::mem::take(&mut self.judgment.hypotheses);
+        self.judgment = Judgment {
+            hypotheses,
+            ..Judgment::default()
+        };
+        let hypotheses = self.judgment.hypotheses.iter_mut();
+        hypotheses.for_each(|h| h.frames.clear());
+        self.seen = 0;
+    }
+
+    /// The judgment on what was seen so far.
+    pub fn judgment(&self) -> &Judgment {
+        &self.judgment
+    }
+
+    /// Takes the next frame as the estimator has it; why it keeps no pose, where it does not.
+    ///
+    /// # Errors
+    /// As [`Scorer::new`], where the mirrored ball is looked for the first time.
+    pub fn push(&mut self, frame: &FrameEstimate) -> Result<Option<FrameRejection>> {
+        let score = self.direct.score(frame);
+        if score.says_anything() {
+            self.seen += 1;
+            if self.seen <= EACH || self.seen.is_multiple_of(STRIDE) {
+                self.weigh(frame, score)?;
+            }
+        }
+        let is_early = self.seen < EACH;
+        Ok(self.judgment.rejection().filter(|_| !is_early))
+    }
+
+    fn weigh(&mut self, frame: &FrameEstimate, score: FrameScore) -> Result<()> {
+        let direct = &self.judgment.hypotheses[0];
+        let is_clear = score.ln_evidence.is_some() || direct.ln_evidence_of_last(EACH) >= SURE;
+        let in_a_mirror = match is_clear {
+            true => FrameScore {
+                ln_evidence: None,
+                ..score
+            },
+            false => self.score_in_a_mirror(frame)?,
+        };
+        let hypotheses = self.judgment.hypotheses.iter_mut();
+        for (hypothesis, score) in hypotheses.zip([score, in_a_mirror]) {
+            if hypothesis.frames.len() == WINDOW {
+                hypothesis.frames.remove(0);
+            }
+            hypothesis.frames.push(score);
+        }
+        self.judgment.verdict = decide(&self.judgment.hypotheses);
+        Ok(())
+    }
+
+    fn score_in_a_mirror(&mut self, frame: &FrameEstimate) -> Result<FrameScore> {
+        let scorer = match &mut self.mirrored {
+            Some(scorer) => scorer,
+            none => {
+                let estimator = self.direct.estimator();
+                let mirrored = estimator.for_pattern(&mirrored_pattern(estimator.pattern())?)?;
+                none.insert(Scorer::new(Arc::new(mirrored))?)
+            }
+        };
+        self.frame.clone_from(frame);
+        Ok(scorer.identify(&mut self.frame))
+    }
+}
