@@ -1,0 +1,67 @@
+"""The page of what constants decide: `docs/measurements/constants.md`, by a sweep's file.
+
+    python studies/constants/table.py OUT.csv
+"""
+
+import csv
+import re
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs/measurements/constants.md"
+BEGIN, END = "<!-- sweep -->", "<!-- end -->"
+
+
+def value(name: str) -> str:
+    """As the source has it."""
+    module, _, constant = name.rpartition("::")
+    path = ROOT / "src/vision" / (module.replace("::", "/") + ".rs")
+    found = re.search(rf"const {constant}: [^=]+=\s*([^;]+);", path.read_text())
+    return " ".join(found[1].split()) if found else "?"
+
+
+def change(run: dict[str, str], base: dict[str, str]) -> tuple[list[int], float]:
+    counts = [int(run[k]) - int(base[k]) for k in ("right", "wrong", "answered_without_ball")]
+    mean = [float(r["sum_of_errors_deg"]) / max(int(r["right"]), 1) for r in (run, base)]
+    return counts, 100.0 * (mean[0] / mean[1] - 1.0)
+
+
+def words(counts: list[int], mean: float) -> str:
+    if not any(counts) and abs(mean) < 0.05:
+        return "="
+    shown = ", ".join(f"{n:+d}" if n else "0" for n in counts)
+    return f"{shown}; {mean:+.1f} %"
+
+
+def main() -> None:
+    with Path(sys.argv[1]).open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    base = rows[0]
+    by_name: dict[str, dict[float, dict[str, str]]] = {}
+    for row in rows:
+        if row["constant"] != "none":
+            by_name.setdefault(row["constant"], {})[float(row["factor"])] = row
+    factors = sorted({f for runs in by_name.values() for f in runs})
+    lines = [
+        f"{base['right']} right, {base['wrong']} wrong, {base['answered_without_ball']} answered without the ball, of {base['pictures']} pictures.",
+        "",
+        "| constant | value | " + " | ".join(f"x {f:g}" for f in factors) + " |",
+        "|---|---|" + "---|" * len(factors),
+    ]
+    silent = 0
+    for name, runs in by_name.items():
+        cells = [words(*change(runs[f], base)) if f in runs else "-" for f in factors]
+        if all(cell == "=" for cell in cells):
+            silent += 1
+            continue
+        lines.append(f"| `{name}` | {value(name)} | " + " | ".join(cells) + " |")
+    same = sorted(n for n, runs in by_name.items() if all(words(*change(r, base)) == "=" for r in runs.values()))
+    lines += ["", f"Without an effect on these pictures, {silent} of {len(by_name)}: " + ", ".join(f"`{n}`" for n in same) + "."]
+    text = PAGE.read_text()
+    head, rest = text.split(BEGIN)
+    _, tail = rest.split(END)
+    PAGE.write_text(head + BEGIN + "\n\n" + "\n".join(lines) + "\n\n" + END + tail)
+
+
+main()
