@@ -27,7 +27,7 @@ pub(super) struct ClipDot {
     pub(super) presence: DotPresence,
     /// Where something lies that was taken for it and is not.
     pub(super) rejected: Option<Vec3>,
-    /// As a mark: see [`SteadyMark`].
+    /// As a mark: see [`SteadyMark`](super::result::SteadyMark).
     pub(super) mark: Option<FoundMark>,
 }
 

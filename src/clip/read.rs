@@ -52,7 +52,7 @@ impl<'a> SourceReading<'a> {
         }
     }
 
-    /// Every `step`-th of the next frames, so many of them, read ahead of those that use them: [`Reading::held`] has them under these numbers.
+    /// Every `step`-th of the next frames, so many of them, read ahead of those that use them: [`SourceReading::held`] has them under these numbers.
     pub fn ahead(&mut self, count: usize, step: usize) -> Result<Vec<usize>> {
         if self.is_too_much {
             self.held.clear();

@@ -103,7 +103,7 @@ impl SquarePinhole {
         Vec3::new(inverse_distance, eccentricity.x, eccentricity.y)
     }
 
-    /// Derivative of that by the steps of [`Pinhole::moved`].
+    /// Derivative of that by the steps of [`SquarePinhole::moved`].
     fn by_steps(&self, circle: &BallCircle) -> Matrix3<f64> {
         let rate = |k: usize| {
             let step = Vec3::ith(k, DIFFERENCE);
@@ -119,7 +119,7 @@ pub struct SequenceView {
     /// The ball's center in the image, pixels, whose view frame the orientations are turned into.
     pub reference: Pixel,
     camera: SquarePinhole,
-    /// A root of the covariance of the camera, in the steps of [`Pinhole::moved`].
+    /// A root of the covariance of the camera, in the steps of [`SquarePinhole::moved`].
     root: Matrix3<f64>,
 }
 
@@ -278,7 +278,7 @@ fn fit(reference: Pixel, seen: impl Iterator<Item = SeenFrom> + Clone) -> Option
     Some(PathFit { camera, root })
 }
 
-/// What a frame says of a camera: information and gradient in the steps of [`Pinhole::moved`].
+/// What a frame says of a camera: information and gradient in the steps of [`SquarePinhole::moved`].
 #[derive(Default)]
 struct FrameInformation {
     seen: Matrix3<f64>,

@@ -286,7 +286,7 @@ impl Constraints {
         cone.half_angle_rad + dot
     }
 
-    /// The number of constraints of `dots` dots: [`Row::number`] stays below it.
+    /// The number of constraints of `dots` dots: [`ConstraintRow::number`] stays below it.
     pub(super) fn count(&self, dots: usize) -> usize {
         dots * dots + dots * (1 + self.keep_out.len()) + VIEWS
     }

@@ -25,7 +25,7 @@ use crate::pattern::{KeepOut, Pattern};
 use super::axis::free_axis;
 use super::cuts::Cuts;
 use super::drawing::{Anchor, Drawing, Item, Layer, PageSize, Point, Shape};
-use super::labels::{LabelledDot, Rectangle};
+use super::labels::{LabeledDot, Rectangle};
 use super::outline::{band, circle_on_ball, facets, holds, lines_inside};
 use super::{MarkConfig, TurnedDirections};
 
@@ -162,7 +162,7 @@ struct LobePart {
     name: String,
     outline: Vec<Point>,
     /// Its dots.
-    dots: Vec<(usize, LabelledDot)>,
+    dots: Vec<(usize, LabeledDot)>,
     /// Lowest and highest x and y.
     x: [f64; 2],
     y: [f64; 2],
@@ -239,7 +239,7 @@ impl GoreWork<'_> {
                 {
                     let far = rim.iter().map(|p| (p - center).norm());
                     let radius = far.fold(0.0, f64::max);
-                    dots.push((dot, LabelledDot { center, radius }));
+                    dots.push((dot, LabeledDot { center, radius }));
                 }
             }
             let cuts = self.cuts_across(lobe, &outline)?;
@@ -445,7 +445,7 @@ impl GoreWork<'_> {
 
     /// Whether a rectangle lies within a piece, off its dots and the zones without dots.
     fn has_room(&self, piece: &LobePart, place: &Rectangle) -> bool {
-        let off = |spot: &LabelledDot| place.distance(&spot.center) >= spot.radius + NAME_GAP_MM;
+        let off = |spot: &LabeledDot| place.distance(&spot.center) >= spot.radius + NAME_GAP_MM;
         let [w, h] = place.half.map(|half| half + NAME_GAP_MM);
         let outside = |zone: &KeepOut| {
             let center = self.direction(&place.center, piece.lobe);

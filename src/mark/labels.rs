@@ -51,21 +51,21 @@ impl Rectangle {
 
 /// A dot on a sheet: its middle, and how far it reaches.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct LabelledDot {
+pub(super) struct LabeledDot {
     pub center: Point,
     pub radius: f64,
 }
 
 /// What labels keep clear of, and those that are set.
 pub(super) struct Labels {
-    pub spots: Vec<LabelledDot>,
+    pub spots: Vec<LabeledDot>,
     pub taken: Vec<Rectangle>,
 }
 
 impl Labels {
     /// The number of a dot beside its spot, to the right where there is space, else as near as there
     /// is, with a line to it where that is far.
-    pub fn number(&mut self, dot: usize, spot: &LabelledDot, height: f64) -> Vec<Item> {
+    pub fn number(&mut self, dot: usize, spot: &LabeledDot, height: f64) -> Vec<Item> {
         let half = [0.5 * text_width(&dot.to_string(), height), 0.5 * height];
         let found = (0..STEPS).find_map(|step| {
             (0..DIRECTIONS).find_map(|k| {
@@ -108,15 +108,15 @@ impl Labels {
     fn is_free(&self, place: &Rectangle) -> bool {
         // Below a number there may be a line.
         let apart = |other: &Rectangle| other.is_apart(place, GAP_MM);
-        let off = |spot: &LabelledDot| place.distance(&spot.center) >= spot.radius + 0.8 * GAP_MM;
+        let off = |spot: &LabeledDot| place.distance(&spot.center) >= spot.radius + 0.8 * GAP_MM;
         self.taken.iter().all(apart) && self.spots.iter().all(off)
     }
 
     /// Whether a line meets no other dot and no number.
-    fn can_lead(&self, [from, to]: &[Point; 2], own: &LabelledDot) -> bool {
+    fn can_lead(&self, [from, to]: &[Point; 2], own: &LabeledDot) -> bool {
         (0..=10).all(|k| {
             let p = from + 0.1 * f64::from(k) * (to - from);
-            let off = |spot: &LabelledDot| {
+            let off = |spot: &LabeledDot| {
                 spot.center == own.center || (p - spot.center).norm() >= spot.radius + 0.3
             };
             self.spots.iter().all(off) && self.taken.iter().all(|r| r.distance(&p) >= 0.3)

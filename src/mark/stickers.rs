@@ -23,7 +23,7 @@ use crate::pattern::Pattern;
 use super::axis::free_axis;
 use super::caliper::{Caliper, references};
 use super::drawing::{Anchor, Drawing, Item, Layer, Page, PageSize, Point, Shape, text_width};
-use super::labels::{LabelledDot, Labels, Rectangle};
+use super::labels::{LabeledDot, Labels, Rectangle};
 use super::outline::{circle, circle_on_ball, facets};
 use super::{MarkConfig, TurnedDirections, longitude_latitude};
 
@@ -391,7 +391,7 @@ impl Map {
             let points: Vec<Point> = rim.map(|v| self.place(&v)).collect();
             let at = self.place(center);
             let far = points.iter().map(|p| (p - at).norm());
-            let spot = LabelledDot {
+            let spot = LabeledDot {
                 center: at,
                 radius: far.fold(0.0, f64::max),
             };

@@ -211,7 +211,7 @@ impl DesignJob {
     }
 
     /// Merges finished shards: the best of all meet in the last trial; evaluates the winner and writes
-    /// everything. [`Start::Resume`] continues a merge of the same shards that was interrupted, if one
+    /// everything. [`JobStart::Resume`] continues a merge of the same shards that was interrupted, if one
     /// has begun.
     ///
     /// # Errors

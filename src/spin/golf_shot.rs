@@ -6,7 +6,7 @@
 //! are there where the ball's positions are, and `ContainsBallData` says so: the format requires them. `SpinType`, measured or
 //! estimated, is this crate's own word beside the format's.
 //!
-//! Guarantees: what is not known is not in the object. The line of flight is the [`Flight`] in the picture: left or right of a level camera
+//! Guarantees: what is not known is not in the object. The line of flight is the [`GolfFlight`] in the picture: left or right of a level camera
 //! that stands square to the target line, up or down of one that looks down on it.
 //!
 //! [Open Connect V1]: https://gsprogolf.com/GSProConnectV1.html

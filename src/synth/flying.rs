@@ -24,7 +24,7 @@ impl SynthSequence {
     /// Without [`SynthConfig::image_px`] the images have 640 x 480 pixels.
     ///
     /// # Errors
-    /// Those of [`Sequence::random`]; [`Error::Argument`] for a rolling shutter or a drift, which these balls do not have.
+    /// Those of [`SynthSequence::random`]; [`Error::Argument`] for a rolling shutter or a drift, which these balls do not have.
     pub fn of_balls(
         patterns: &[Pattern],
         config: &SynthConfig,

@@ -84,7 +84,7 @@ impl RigSequence {
     /// default it flies where the cameras' axes meet.
     ///
     /// # Errors
-    /// Those of [`Sequence::random`]; [`Error::Argument`] for cameras with distortion or without the size of their images, and where no
+    /// Those of [`SynthSequence::random`]; [`Error::Argument`] for cameras with distortion or without the size of their images, and where no
     /// place is seen by all.
     pub fn random(
         pattern: &Pattern,

@@ -103,7 +103,7 @@ fn spherical(coordinates: &[f64]) -> Spherical {
 #[error("ended")]
 struct Ended;
 
-/// The multipliers of the constraints, by [`Row::number`], and their weight.
+/// The multipliers of the constraints, by [`ConstraintRow::number`], and their weight.
 struct Multipliers {
     of: Vec<f64>,
     weight: f64,

@@ -1,7 +1,7 @@
 //! CSV tables, read row by row: the one reader behind every table of this crate.
 //!
 //! [`Rows`] yields the records of a file, [`Table`] those below a header, by the columns' names.
-//! Fields are separated by a comma (or the separator of [`Format`]), may be quoted with `"`, and
+//! Fields are separated by a comma (or the separator of [`CsvFormat`]), may be quoted with `"`, and
 //! are trimmed of white space. Blank lines are skipped, and so are lines that start with `#` where
 //! the format has comments. Lines end in `\n` or `\r\n`; a byte-order mark at the start is ignored.
 //!

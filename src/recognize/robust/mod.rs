@@ -97,7 +97,7 @@ pub struct RobustRecognizer {
     model: ViewTables,
     screen: ScreenModel,
     null: NullHypothesis,
-    /// See [`refine::Comparison::spread`].
+    /// See [`refine::ComparedDots::spread`].
     spread: Vec<f64>,
     config: RobustConfig,
     /// The conditions, as long as they are uncertain.

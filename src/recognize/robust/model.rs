@@ -248,12 +248,12 @@ impl ViewTables {
         self.false_count[count.min(self.false_count.len() - 1)]
     }
 
-    /// How many numbers of false dots differ in [`Model::false_count`]: the last holds for all larger ones.
+    /// How many numbers of false dots differ in [`ViewTables::false_count`]: the last holds for all larger ones.
     pub fn false_counts(&self) -> usize {
         self.false_count.len()
     }
 
-    /// The maximum [`Model::false_count`] of `count` or more false dots.
+    /// The maximum [`ViewTables::false_count`] of `count` or more false dots.
     pub fn max_false_count(&self, count: usize) -> f64 {
         self.max_false_count[count.min(self.max_false_count.len() - 1)]
     }

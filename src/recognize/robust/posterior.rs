@@ -2,7 +2,7 @@
 //! hypothesis.
 //!
 //! One explanation is kept for each rotation. Nearby rotations share their assignments except for a
-//! few dots, and [`Refined::ln_alternatives`] sums those up. Under the null hypothesis a view has
+//! few dots, and [`RefinedExplanation::ln_alternatives`] sums those up. Under the null hypothesis a view has
 //! as many dots as a view of the pattern has on average (Poisson), uniform on the visible cap.
 
 use nalgebra::Matrix3;

@@ -80,7 +80,7 @@ struct RefineLink {
     pattern_dot: u16,
 }
 
-/// An explanation's values; its assignment is left in [`Refiner::assignment`].
+/// An explanation's values; its assignment is left in [`ExplanationRefiner::assignment`].
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RefinedExplanation {
     pub rotation: Matrix3<f64>,

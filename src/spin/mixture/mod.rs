@@ -3,7 +3,7 @@
 //! A measurement's error `e` at the reference time (see [`super::motion`]) is `N(0, sigma^2 s^2 I)` with the
 //! probability that the measurement is an inlier, else its orientation is uniform on SO(3), whose volume
 //! is `8 pi^2` in rotation vectors near the identity. Four things are apart: the motion says how
-//! errors depend on its parameters, [`posterior`] weighs them, [`Normal`] solves for a step, and
+//! errors depend on its parameters, [`posterior`] weighs them, [`WeightedNormal`](normal::WeightedNormal) solves for a step, and
 //! [`Mixture`] decides on steps.
 //!
 //! [`Mixture::grow`] leads from what a few frames say to the whole sequence: frames are used from there
@@ -202,7 +202,7 @@ pub(super) struct SettledMotion<M> {
 /// A climb that led to no maximum.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Unsettled {
-    /// As that of [`Settled`], where the climb ended: the maximum is no lower.
+    /// As that of [`SettledMotion`], where the climb ended: the maximum is no lower.
     pub log_posterior: f64,
 }
 

@@ -125,10 +125,10 @@ impl Intrinsics {
         Err(Error::argument("intrinsics", problem))
     }
 
-    /// Reads the intrinsics of a file; see [`Calibration::read`].
+    /// Reads the intrinsics of a file; see [`CameraCalibration::read`].
     ///
     /// # Errors
-    /// As [`Calibration::read`].
+    /// As [`CameraCalibration::read`].
     pub fn read(path: &Path) -> Result<Self> {
         Ok(CameraCalibration::read(path)?.intrinsics)
     }

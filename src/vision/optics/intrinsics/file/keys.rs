@@ -183,9 +183,9 @@ pub(super) const OF_LENS: [&str; 12] = [
 ];
 /// Without a size, keys with these in their names are named too.
 pub(super) const OF_SIZE: [&str; 7] = ["width", "height", "resol", "size", "dim", "cols", "rows"];
-/// Models that are none of [`Lens`]', unless all coefficients are zero.
+/// Models that are none of [`Lens`](crate::vision::optics::lens::Lens)', unless all coefficients are zero.
 pub(super) const NEAR_MODELS: [&str; 2] = ["inversebrownconrady", "modifiedbrownconrady"];
-/// Models that are none of [`Lens`]'.
+/// Models that are none of [`Lens`](crate::vision::optics::lens::Lens)'.
 pub(super) const OTHER_MODELS: [&str; 12] = [
     "fov",
     "omni",
