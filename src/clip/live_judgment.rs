@@ -4,7 +4,7 @@
 //! [`EACH`] of them one by one, then one in [`STRIDE`], so that a frame costs little more. The mirrored ball is
 //! looked for in frames without a pose, as long as the poses of the last [`EACH`] leave a doubt.
 //!
-//! Guarantees: no more than [`WINDOW`] scores are kept, and before [`EACH`] frames have said something no pose is taken back. A verdict lasts
+//! Guarantees: no more than [`WINDOW`] scores are kept, and before [`EACH`] frames have said something there is no verdict. A verdict lasts
 //! as long as the window speaks for it: another ball, shown later, is judged by its own frames.
 
 use std::sync::Arc;
@@ -17,7 +17,7 @@ use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
 
 /// Frames that have a say.
 const WINDOW: usize = 32;
-/// So many are weighed one by one, before these no pose is taken back, and the last so many say whether a mirror is looked for.
+/// So many are weighed one by one, before these there is no verdict, and the last so many say whether a mirror is looked for.
 const EACH: usize = 16;
 /// Of later ones one in so many.
 const STRIDE: usize = 4;
@@ -89,8 +89,7 @@ impl LiveJudgment {
                 self.weigh(frame, score)?;
             }
         }
-        let is_early = self.seen < EACH;
-        Ok(self.judgment.rejection().filter(|_| !is_early))
+        Ok(self.judgment.rejection())
     }
 
     fn weigh(&mut self, frame: &FrameEstimate, score: FrameScore) -> Result<()> {
@@ -110,7 +109,9 @@ impl LiveJudgment {
             }
             hypothesis.frames.push(score);
         }
-        self.judgment.verdict = decide(&self.judgment.hypotheses);
+        if self.seen >= EACH {
+            self.judgment.verdict = decide(&self.judgment.hypotheses);
+        }
         Ok(())
     }
 
