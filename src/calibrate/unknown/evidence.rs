@@ -89,38 +89,37 @@ mod tests {
     #[test]
     fn what_speaks_against_a_mark_makes_it_less_likely_a_dot() {
         assert!(DOT.probability() > 0.95, "{}", DOT.probability());
-        let doubts = [
-            MarkEvidence { radius: 2.0, ..DOT },
-            MarkEvidence {
-                darkness: 0.2,
-                ..DOT
-            },
-            MarkEvidence {
-                darkness: 3.0,
-                contrast: 3.0,
-                ..DOT
-            },
-            MarkEvidence {
-                solidity: 0.6,
-                ..DOT
-            },
-            MarkEvidence { around: 0.4, ..DOT },
-            MarkEvidence {
-                contrast: 0.1,
-                ..DOT
-            },
-            MarkEvidence {
-                likeness: 0.0,
-                ..DOT
-            },
-        ];
-        for doubt in doubts {
-            assert!(
-                doubt.probability() < 0.9,
-                "{doubt:?}: {}",
-                doubt.probability()
-            );
+        let less = |doubt: MarkEvidence| {
+            let probability = doubt.probability();
+            assert!(probability < DOT.probability(), "{doubt:?}");
+            probability
+        };
+        // Too large, too faint, or darker than the dots.
+        let dark = MarkEvidence {
+            darkness: 3.0,
+            contrast: 3.0,
+            ..DOT
+        };
+        let large = MarkEvidence { radius: 2.0, ..DOT };
+        let faint = MarkEvidence {
+            darkness: 0.2,
+            contrast: 0.2,
+            ..DOT
+        };
+        for doubt in [dark, large, faint] {
+            assert!(less(doubt) < 0.9, "{doubt:?}");
         }
+        // What speaks against it alone is not enough.
+        let ragged = MarkEvidence {
+            solidity: 0.6,
+            ..DOT
+        };
+        let blurred = MarkEvidence { around: 0.4, ..DOT };
+        let unseen = MarkEvidence {
+            likeness: 0.0,
+            ..DOT
+        };
+        assert!([ragged, blurred, unseen].map(less).iter().all(|p| *p > 0.9));
         // A shadow: seen by no detector, faint, in half of the frames.
         let shadow = MarkEvidence {
             darkness: 0.1,
