@@ -265,6 +265,11 @@ pub fn quantile(sorted: &[f64], q: f64) -> f64 {
     sorted[below] + (at - at.floor()) * (sorted[above] - sorted[below])
 }
 
+/// The probability of these ln odds.
+pub(crate) fn logistic(ln_odds: f64) -> f64 {
+    1.0 / (1.0 + (-ln_odds).exp())
+}
+
 /// The median of values in ascending order; NaN for none.
 #[cfg(feature = "vision")]
 pub(crate) fn median_or_nan(sorted: &[f64]) -> f64 {

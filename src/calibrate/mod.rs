@@ -61,7 +61,6 @@ mod holdout;
 mod identify;
 #[cfg(feature = "native")]
 pub mod live;
-mod looks;
 mod marks;
 mod pixels;
 mod presence;

@@ -23,6 +23,7 @@ use crate::design::objective::{CountFailures, CountedView, TooFewDots};
 use crate::error::Result;
 use crate::pattern::crowding::crowds;
 use crate::pattern::random_pattern;
+use crate::stats::logistic;
 use crate::synth::Rendering;
 use crate::synth::dataset::frame_rng;
 use crate::vision::FrameEstimate;
@@ -153,10 +154,6 @@ fn fit(frames: &[Vec<Chance>]) -> TooFewDots {
 /// The terms of the regression at a level of the frame's own number.
 fn terms(chance: &Chance, level: f64) -> Vector4<f64> {
     Vector4::new(1.0, chance.z, chance.crowd, level)
-}
-
-fn logistic(logit: f64) -> f64 {
-    1.0 / (1.0 + (-logit).exp())
 }
 
 /// The probabilities of the levels, given what is found in a frame.

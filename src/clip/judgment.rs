@@ -14,9 +14,7 @@ use std::borrow::Cow;
 use super::balls::BallEstimate;
 use super::batch::{Batch, BatchFrame, SequenceOutcome};
 use super::config::BatchConfig;
-use super::verdict::{
-    BallHypothesis, FrameScore, MIN_FRAMES, Scorer, Verdict, decide, mirrored_pattern,
-};
+use super::verdict::{BallHypothesis, FrameScore, MIN_FRAMES, Scorer, Verdict, decide, mirrored};
 use super::work::Work;
 use crate::concurrency;
 use crate::error::Result;
@@ -75,7 +73,7 @@ impl<'a> TableCandidate<'a> {
     pub fn of_tables(tables: &'a [Estimator]) -> Result<Vec<Self>> {
         let mut all = Vec::with_capacity(2 * tables.len());
         for (table, estimator) in tables.iter().enumerate() {
-            let mirrored = estimator.for_pattern(&mirrored_pattern(estimator.pattern())?)?;
+            let mirrored = mirrored(estimator)?;
             let both = [Cow::Borrowed(estimator), Cow::Owned(mirrored)];
             for (estimator, is_mirrored) in both.into_iter().zip([false, true]) {
                 all.push(Self {
@@ -112,12 +110,7 @@ impl<'a> TableCandidate<'a> {
 
     /// Nothing was seen yet.
     pub fn unseen(&self) -> BallHypothesis {
-        BallHypothesis {
-            table: self.table,
-            is_mirrored: self.is_mirrored,
-            frames: Vec::new(),
-            has_common_motion: false,
-        }
+        BallHypothesis::unseen(self.table, self.is_mirrored)
     }
 
     /// Adds what frames of no known times say.
@@ -205,10 +198,8 @@ impl Judgment {
         let stride = balls.len().div_ceil(MAX_FRAMES).max(1);
         let own_balls = balls.iter().step_by(stride).filter(|b| b.table == table);
         let hypothesis = BallHypothesis {
-            table,
-            is_mirrored: false,
             frames: own_balls.map(|b| scorer.score(&b.frame)).collect(),
-            has_common_motion: false,
+            ..BallHypothesis::unseen(table, false)
         };
         let ln_evidence = hypothesis.ln_evidence();
         Ok((ln_evidence >= SURE).then(|| Self {

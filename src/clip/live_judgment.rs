@@ -10,7 +10,7 @@
 use std::sync::Arc;
 
 use super::judgment::{Judgment, SURE};
-use super::verdict::{BallHypothesis, FrameScore, Scorer, decide, mirrored_pattern};
+use super::verdict::{BallHypothesis, FrameScore, Scorer, Verdict, decide, mirrored};
 use crate::error::Result;
 use crate::vision::estimator::Estimator;
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection};
@@ -32,8 +32,6 @@ pub(super) struct LiveJudgment {
     judgment: Judgment,
     /// Frames that said anything.
     seen: usize,
-    /// Memory for the frame in a mirror.
-    frame: FrameEstimate,
 }
 
 impl LiveJudgment {
@@ -43,10 +41,8 @@ impl LiveJudgment {
     /// As [`Scorer::new`].
     pub fn new(estimator: Arc<Estimator>) -> Result<Self> {
         let unseen = |is_mirrored| BallHypothesis {
-            table: 0,
-            is_mirrored,
             frames: Vec::with_capacity(WINDOW),
-            has_common_motion: false,
+            ..BallHypothesis::unseen(0, is_mirrored)
         };
         Ok(Self {
             direct: Scorer::new(estimator)?,
@@ -56,17 +52,12 @@ impl LiveJudgment {
                 ..Judgment::default()
             },
             seen: 0,
-            frame: FrameEstimate::default(),
         })
     }
 
     /// Nothing was seen yet.
     pub fn reset(&mut self) {
-        let hypotheses = std::mem::take(&mut self.judgment.hypotheses);
-        self.judgment = Judgment {
-            hypotheses,
-            ..Judgment::default()
-        };
+        self.judgment.verdict = Verdict::Open;
         let hypotheses = self.judgment.hypotheses.iter_mut();
         hypotheses.for_each(|h| h.frames.clear());
         self.seen = 0;
@@ -119,12 +110,10 @@ impl LiveJudgment {
         let scorer = match &mut self.mirrored {
             Some(scorer) => scorer,
             none => {
-                let estimator = self.direct.estimator();
-                let mirrored = estimator.for_pattern(&mirrored_pattern(estimator.pattern())?)?;
+                let mirrored = mirrored(self.direct.estimator())?;
                 none.insert(Scorer::new(Arc::new(mirrored))?)
             }
         };
-        self.frame.clone_from(frame);
-        Ok(scorer.identify(&mut self.frame))
+        Ok(scorer.identify(&mut frame.clone()))
     }
 }

@@ -133,6 +133,16 @@ pub struct BallHypothesis {
 }
 
 impl BallHypothesis {
+    /// Of which no frame has said anything.
+    pub(super) fn unseen(table: usize, is_mirrored: bool) -> Self {
+        Self {
+            table,
+            is_mirrored,
+            frames: Vec::new(),
+            has_common_motion: false,
+        }
+    }
+
     /// ln of the evidence against "none of them".
     pub fn ln_evidence(&self) -> f64 {
         let motion = if self.has_common_motion {
@@ -282,6 +292,14 @@ pub fn decide(hypotheses: &[BallHypothesis]) -> Verdict {
 pub fn mirrored_pattern(pattern: &Pattern) -> Result<Pattern> {
     let dots = pattern.dots().iter();
     Pattern::new(dots.map(|d| Vec3::new(-d.x, d.y, d.z)).collect())
+}
+
+/// The estimator of what a mirror shows of its ball.
+///
+/// # Errors
+/// As [`Estimator::for_pattern`].
+pub(super) fn mirrored(estimator: &Estimator) -> Result<Estimator> {
+    estimator.for_pattern(&mirrored_pattern(estimator.pattern())?)
 }
 
 /// Scores frames under one hypothesis, whose pattern's estimator is borrowed or shared.

@@ -1,6 +1,6 @@
 """What each constant of `src/vision` decides: right and wrong answers as it is scaled.
 
-    python studies/constants/sweep.py WORK OUT.csv
+    python studies/constants/sweep.py WORK OUT.csv [--frames 120] [--only pose::]
 
 WORK becomes a copy of the sources in which every constant of `src/vision` is a function of a factor that is set at run time. What does
 not compile so (lengths of arrays, other constants) stays a constant. One build, and then one estimate of the same rendered pictures
@@ -140,11 +140,8 @@ def main() -> None:
         kept |= more
         print(f"{len(more)} stay constants", flush=True)
     print(f"{len(names)} are scaled, {len(kept)} stay constants", flush=True)
-    (work / "kept.json").write_text(json.dumps(sorted(kept)))
     command = ["cargo", "build", "--release", "--quiet", "-p", "spindoe-studies"]
     subprocess.run(command, cwd=work, check=True)
-    if len(sys.argv) > 3 and sys.argv[3] == "--build":
-        return
     with out.open("w") as file:
         subprocess.run([work / "target/release/bench", "sweep", *sys.argv[3:]], cwd=work, stdout=file, check=True)
 

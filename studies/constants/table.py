@@ -49,15 +49,14 @@ def main() -> None:
         "| constant | value | " + " | ".join(f"x {f:g}" for f in factors) + " |",
         "|---|---|" + "---|" * len(factors),
     ]
-    silent = 0
+    same: list[str] = []
     for name, runs in by_name.items():
         cells = [words(*change(runs[f], base)) if f in runs else "-" for f in factors]
         if all(cell == "=" for cell in cells):
-            silent += 1
+            same.append(name)
             continue
         lines.append(f"| `{name}` | {value(name)} | " + " | ".join(cells) + " |")
-    same = sorted(n for n, runs in by_name.items() if all(words(*change(r, base)) == "=" for r in runs.values()))
-    lines += ["", f"Without an effect on these pictures, {silent} of {len(by_name)}: " + ", ".join(f"`{n}`" for n in same) + "."]
+    lines += ["", f"Without an effect on these pictures, {len(same)} of {len(by_name)}: " + ", ".join(f"`{n}`" for n in sorted(same)) + "."]
     text = PAGE.read_text()
     head, rest = text.split(BEGIN)
     _, tail = rest.split(END)

@@ -6,7 +6,7 @@
 
 use super::candidates::{Candidates, Kind, MarkCandidate};
 use super::contrast::Contrast;
-use super::evidence::MarkEvidence;
+use super::evidence::{MarkEvidence, SUSPECTED};
 use super::map::{DotMap, MapDot};
 use super::marks::DarkMark;
 use super::seen::UsableFrame;
@@ -34,9 +34,6 @@ const NO_DOT: f64 = 0.05;
 /// balls (`bench calibration-unknown`, seeds 35100001 and with --guided 35300001, 20 clips each), all had 0.68 at most; dots that were
 /// not in the map had 0.73 or more.
 const STEADY: f64 = 0.7;
-/// The likeness, over that of the middle dot, from which on the detector sees a dot where the surface shows none. Chosen on 40 plain balls drawn by
-/// hand (`bench calibration-unknown --clips 40 --seed 35100001 --plain`): fingers and shadows had 0.04 at most, dots 0.15 or more but for the smallest.
-const SUSPECTED: f64 = 0.15;
 /// Where the middle dot has a smaller likeness, the detector misses too many.
 const HARDLY: f64 = 0.3;
 /// Fewer views decide nothing.
@@ -92,23 +89,23 @@ impl DotMap<'_> {
         if typical.likeness < HARDLY {
             return Err(UnknownRejection::TooFaint { dots: found });
         }
-        let weighed = witnessed.iter().map(|seen| (seen, typical.evidence(seen)));
-        let weighed: Vec<(&Witnessed<'_>, MarkEvidence)> = weighed.collect();
-        let is_printed = weighed
-            .iter()
-            .any(|(seen, evidence)| is_print(seen, evidence));
-        let mut dots: Vec<MarkCandidate> = Vec::new();
-        for (seen, evidence) in weighed {
+        let weighed = witnessed.iter().map(|seen| {
+            let evidence = typical.evidence(seen);
             let probability = evidence.probability();
             let known = seen.joined.map(|j| self.dots[j]);
-            dots.push(MarkCandidate {
+            MarkCandidate {
                 dot: known.unwrap_or_else(|| new_dot(&seen.mark.direction)),
                 radius: seen.mark.radius,
                 kind: kind(probability, seen.mark.views),
                 probability,
                 evidence: Some(evidence),
-            });
-        }
+            }
+        });
+        let mut dots: Vec<MarkCandidate> = weighed.collect();
+        let is_print = |(seen, found): (&Witnessed<'_>, &MarkCandidate)| {
+            found.kind == Kind::Other && typical.is_on_the_ball(seen.mark)
+        };
+        let is_printed = witnessed.iter().zip(&dots).any(is_print);
         dots.extend(self.detected_alone(marks, &typical, is_printed, surface));
         let is_none = |c: &MarkCandidate| c.kind == Kind::Other;
         dots.sort_by(|a, b| {
@@ -288,17 +285,16 @@ impl Typical {
         }
     }
 
+    /// Whether a mark is dark enough for print, and no finger or shadow.
+    fn is_on_the_ball(&self, mark: &DarkMark) -> bool {
+        let is_steady = mark.views >= FEW_VIEWS && mark.steady >= STEADY;
+        is_steady && mark.darkness / self.darkness >= PRINT
+    }
+
     /// The detector's likeness of a mark over that of the middle dot.
     fn likeness(&self, seen: &Witnessed<'_>) -> Option<f64> {
         Some(seen.likeness? / self.likeness)
     }
-}
-
-/// Whether a mark is surely no dot, and on the ball all the same.
-fn is_print(seen: &Witnessed<'_>, evidence: &MarkEvidence) -> bool {
-    let mark = seen.mark;
-    let is_steady = mark.views >= FEW_VIEWS && mark.steady >= STEADY;
-    is_steady && evidence.darkness >= PRINT && evidence.probability() < NO_DOT
 }
 
 /// What a mark is that is a dot with this probability, and that so many views show.

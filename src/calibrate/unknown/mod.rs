@@ -81,17 +81,16 @@ const MIN_VIEWS: usize = ESTABLISHED;
 pub struct BuiltPattern {
     /// The pattern, in a frame of its own, about as the detections show it: what is exact is its calibration ([`calibrate_built`]).
     pub pattern: Pattern,
-    /// About the angular radii of its dots, radians; empty where no pixels were looked at.
+    /// About the angular radii of its dots, radians.
     pub radii_rad: Vec<f64>,
     /// Share of the ball's surface that hardly any frame shows: a dot there is not in the pattern.
     pub blind: f64,
 }
 
 impl BuiltPattern {
-    /// About the angular radius of its middle dot, radians, where pixels were looked at.
-    pub fn middle_radius_rad(&self) -> Option<f64> {
-        let mut radii = self.radii_rad.clone();
-        (!radii.is_empty()).then(|| median(&mut radii))
+    /// About the angular radius of its middle dot, radians.
+    pub fn middle_radius_rad(&self) -> f64 {
+        median(&mut self.radii_rad.clone())
     }
 }
 

@@ -73,7 +73,7 @@ pub(super) fn read(
                 let frames = IdentifiedFrames::of(batch);
                 return Ok(CalibratedClip {
                     calibration: clip.calibrated(arguments, &frames, config)?,
-                    dot_radius_rad: clip.built.middle_radius_rad(),
+                    dot_radius_rad: Some(clip.built.middle_radius_rad()),
                     ball,
                     is_design: false,
                     surface: clip.surface,

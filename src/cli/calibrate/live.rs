@@ -166,7 +166,7 @@ fn and_now(why: &UnknownRejection, side: Option<&MissingSide>) -> String {
 impl From<LivePattern> for CalibratedClip {
     fn from(found: LivePattern) -> Self {
         Self {
-            dot_radius_rad: found.built.middle_radius_rad(),
+            dot_radius_rad: Some(found.built.middle_radius_rad()),
             ball: Ball::new(found.built.pattern.clone()),
             is_design: false,
             surface: None,

@@ -34,6 +34,7 @@ use crate::pattern::crowding::{CROWD, crowds, nearness};
 use crate::pattern::random_pattern;
 use crate::recognize::ORIENTATION_FAILURE_RAD;
 use crate::recognize::robust::RobustRecognizer;
+use crate::stats::logistic;
 use crate::validate::{TrialResult, Trials};
 use crate::view::{Detection, Trial, ViewModel};
 
@@ -275,10 +276,6 @@ impl TooFewDots {
             &ONE_LEVEL
         }
     }
-}
-
-fn logistic(logit: f64) -> f64 {
-    1.0 / (1.0 + (-logit).exp())
 }
 
 /// The number of dots that are detected, each by itself with its own probability.

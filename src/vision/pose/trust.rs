@@ -188,14 +188,12 @@ impl TrustMap {
         if *self == Self::IDENTITY {
             return evidence.confidence;
         }
-        let [constant, weights @ ..] = match evidence.source {
+        let weights = match evidence.source {
             PoseSource::Detections => &self.detections,
             PoseSource::Places(_) => &self.places,
             PoseSource::Pixels(_) => &self.pixels,
         };
-        let terms = weights.iter().zip(evidence.features()).map(|(w, f)| w * f);
-        let ln_odds = constant + terms.sum::<f64>();
-        let probability = 1.0 / (1.0 + (-ln_odds).exp());
+        let probability = derived::probability(weights, evidence.features());
         let is_any = evidence.is_of_detections() && evidence.named <= ANY_DOTS;
         if is_any && probability > EVEN {
             EVEN

@@ -18,6 +18,7 @@ use self::flatten::{Flat, Shading};
 use self::shape::Blob;
 use super::detector::DotDetection;
 use super::patch::{MIDDLE, Patch, RADIUS, SIZE};
+use crate::stats::logistic;
 
 /// Standard deviations of the Gaussians, patch values; each difference is of two neighbors.
 const SIGMAS: [f32; 4] = [1.2, 1.9, 3.0, 4.8];
@@ -199,7 +200,6 @@ impl BlobDetector {
 
 /// How likely a blob is a dot, among such strong ones.
 fn probability(blob: &Blob, strong: f64) -> f64 {
-    let logistic = |t: f64| 1.0 / (1.0 + (-t).exp());
     let radius = blob.radius / RADIUS;
     let (low, high) = DOT_RADIUS;
     logistic((blob.signal_to_noise - SIGNAL_TO_NOISE) / 1.2)
