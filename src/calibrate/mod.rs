@@ -28,7 +28,7 @@
 //!
 //! ```
 //! use spindoe::calibrate::{CalibrationConfig, calibrate};
-//! # use spindoe::synth::{SynthConfig, dataset::{Sequence, ClipConfig}};
+//! # use spindoe::synth::{SynthConfig, dataset::{SynthSequence, ClipConfig}};
 //! # use spindoe::vision::{Budget, DetectorName, Prior};
 //! # use spindoe::{Estimator, EstimatorConfig, FrameEstimate, Pattern};
 //! # fn main() -> spindoe::Result<()> {
@@ -38,7 +38,7 @@
 //! # let estimator = Estimator::new(&nominal, EstimatorConfig::default(), DetectorName::Cnn.build()?)?;
 //! # let mut workspace = estimator.workspace();
 //! # let turning = ClipConfig { fps: 100.0, ..ClipConfig::default() };
-//! # let clip = Sequence::random(&nominal, &SynthConfig::good(), &turning, 1, 3)?;
+//! # let clip = SynthSequence::random(&nominal, &SynthConfig::good(), &turning, 1, 3)?;
 //! # let mut frames = Vec::new();
 //! # for k in 0..3 {
 //! #     let mut frame = FrameEstimate::default();

@@ -12,11 +12,11 @@
 //! ```no_run
 //! use std::sync::atomic::AtomicBool;
 //!
-//! use spindoe::report::{DesignJob, Start};
+//! use spindoe::report::{DesignJob, JobStart};
 //!
 //! # fn main() -> spindoe::Result<()> {
 //! let job = DesignJob::new("my-ball");
-//! let found = job.run(Start::Fresh, &AtomicBool::new(false), &mut ())?;
+//! let found = job.run(JobStart::Fresh, &AtomicBool::new(false), &mut ())?;
 //! println!("{}", found.report.validation[0].validation.answered);
 //! # Ok(())
 //! # }

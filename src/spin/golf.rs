@@ -12,9 +12,9 @@
 //!
 //! ```
 //! use spindoe::geometry::Vec3;
-//! use spindoe::spin::golf::{Flight, GolfSpin, SpinType};
+//! use spindoe::spin::golf::{GolfFlight, GolfSpin, SpinType};
 //!
-//! let spin = GolfSpin::new(&Vec3::new(0.0, -20.0, 300.0), None, Flight::Right, SpinType::Measured);
+//! let spin = GolfSpin::new(&Vec3::new(0.0, -20.0, 300.0), None, GolfFlight::Right, SpinType::Measured);
 //! assert!((spin.backspin_rpm - 2864.8).abs() < 0.1 && (spin.sidespin_rpm - 191.0).abs() < 0.1);
 //! assert!((spin.tilt_deg - 3.81).abs() < 0.01);
 //! ```
