@@ -1,5 +1,10 @@
 //! What a residual counts for.
 
+#[cfg(feature = "vision")]
+use fearless_simd::prelude::*;
+#[cfg(feature = "vision")]
+use fearless_simd::{Simd, f64x4};
+
 use crate::stats::SIGMA_PER_MAD;
 
 /// Student's distribution of residuals: errors with heavy tails (K. Lange et al., "Robust statistical modeling using the t distribution",
@@ -22,6 +27,13 @@ impl Student {
     /// The weight of a residual by the square of its length, in standard deviations.
     pub fn weight(&self, square: f64) -> f64 {
         (self.degrees + self.dimension) / (self.degrees + square)
+    }
+
+    /// [`Student::weight`] of each lane.
+    #[cfg(feature = "vision")]
+    #[inline(always)]
+    pub fn weight_each<S: Simd>(&self, square: f64x4<S>) -> f64x4<S> {
+        f64x4::splat(square.simd, self.degrees + self.dimension) / (square + self.degrees)
     }
 
     /// Minus two logarithms of a residual's likelihood over that of none.

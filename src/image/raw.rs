@@ -6,6 +6,9 @@
 use super::{GrayImage, RgbImage, Roi, luma};
 use crate::error::{Error, Result};
 
+/// Sums of columns that are held at once: whole pixels.
+const SUMMED: usize = 1536;
+
 /// The samples of a raw pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RawPixel {
@@ -161,19 +164,10 @@ impl<'a> RawImage<'a> {
 
     /// The luma of a part of the image.
     pub(crate) fn gray_into(&self, part: &Roi, out: &mut GrayImage) {
-        match self.samples {
-            RawSamples::Eight(samples) => self.grays(samples, part, out),
-            RawSamples::Sixteen(samples) => self.grays(samples, part, out),
-        }
-    }
-
-    fn grays<T: RawSample>(&self, samples: &[T], part: &Roi, out: &mut GrayImage) {
         out.fill_rows(part.width, part.height, |v, values| {
-            let row = self.row(samples, part.top + v, part.left, part.width);
-            match self.pixel {
-                RawPixel::Gray => values.extend(row.iter().map(|sample| sample.gray())),
-                _ => values.extend(row.chunks_exact(3).map(|c| luma(self.color(c)))),
-            }
+            let from = values.len();
+            values.resize(from + part.width, 0.0);
+            self.cell_row(part.top + v, part.left, 0, &mut values[from..]);
         });
     }
 
@@ -188,9 +182,12 @@ impl<'a> RawImage<'a> {
     fn colors<T: RawSample>(&self, samples: &[T], part: &Roi, out: &mut RgbImage) {
         out.fill_rows(part.width, part.height, |v, values| {
             let row = self.row(samples, part.top + v, part.left, part.width);
+            let (pixels, _) = row.as_chunks();
+            let unit = |color: [T; 3]| color.map(T::unit);
             match self.pixel {
                 RawPixel::Gray => values.extend(row.iter().map(|sample| [sample.unit(); 3])),
-                _ => values.extend(row.chunks_exact(3).map(|c| self.color(c))),
+                RawPixel::Rgb => values.extend(pixels.iter().map(|rgb| unit(*rgb))),
+                RawPixel::Bgr => values.extend(pixels.iter().map(|[b, g, r]| unit([*r, *g, *b]))),
             }
         });
     }
@@ -221,59 +218,126 @@ impl<'a> RawImage<'a> {
     ) {
         let side = 1 << level;
         let row = self.row(samples, v, left, sums.len() * side);
-        for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(3 * side)) {
-            for (sum, total) in sum.iter_mut().zip(self.totals(cell)) {
-                *sum += total as f32;
+        let is_reversed = self.pixel == RawPixel::Bgr;
+        let add = |sum: &mut [f32; 3], totals: [u32; 3]| {
+            let [first, green, last] = totals.map(|total| total as f32);
+            let (red, blue) = match is_reversed {
+                false => (first, last),
+                true => (last, first),
+            };
+            for (sum, total) in sum.iter_mut().zip([red, green, blue]) {
+                *sum += total;
             }
+        };
+        // Most are seen at half their size.
+        if level == 1 {
+            let (cells, _) = row.as_chunks::<6>();
+            for (sum, &[a, b, c, d, e, f]) in sums.iter_mut().zip(cells) {
+                add(
+                    sum,
+                    [[a, d], [b, e], [c, f]].map(|[one, other]| one.into() + other.into()),
+                );
+            }
+            return;
+        }
+        for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(3 * side)) {
+            add(sum, totals(cell));
         }
     }
 
-    /// Adds the luma of a row's pixels, from the column `left`, to the cells of `1 << level` pixels.
-    pub(crate) fn add_row(&self, v: usize, left: usize, level: u32, sums: &mut [f32]) {
+    /// The lumas of a row of cells of `1 << level` pixels a side, whose first pixel lies in the column `left` and the row `top`.
+    pub(crate) fn cell_row(&self, top: usize, left: usize, level: u32, lumas: &mut [f32]) {
         match self.samples {
-            RawSamples::Eight(samples) => self.add_samples(samples, v, left, level, sums),
-            RawSamples::Sixteen(samples) => self.add_samples(samples, v, left, level, sums),
+            RawSamples::Eight(samples) => self.cells(samples, [top, left], level, lumas),
+            RawSamples::Sixteen(samples) => self.cells(samples, [top, left], level, lumas),
         }
     }
 
-    fn add_samples<T: RawSample>(
+    fn cells<T: RawSample>(
         &self,
         samples: &[T],
-        v: usize,
-        left: usize,
+        [top, left]: [usize; 2],
         level: u32,
-        sums: &mut [f32],
+        lumas: &mut [f32],
     ) {
-        let side = 1 << level;
-        let row = self.row(samples, v, left, sums.len() * side);
-        match self.pixel {
-            RawPixel::Gray => {
-                for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(side)) {
-                    let total: u32 = cell.iter().map(|&sample| sample.into()).sum();
-                    *sum += luma([share::<T>(total); 3]);
+        let (side, all) = (1 << level, lumas.len() << level);
+        if level == 0 {
+            return self.pixels(self.row(samples, top, left, all), lumas);
+        }
+        let width = side * self.pixel.channels();
+        let white = f64::from(T::WHITE) * (side * side) as f64;
+        // Down the rows first, many columns at once.
+        let sum_rows = |from: usize, sums: &mut [u32]| {
+            sums.fill(0);
+            for v in top..top + side {
+                let row = self.row(samples, v, left, all);
+                for (sum, &sample) in sums.iter_mut().zip(&row[from..]) {
+                    *sum += sample.into();
                 }
             }
-            _ => {
-                for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(3 * side)) {
-                    *sum += luma(self.totals(cell).map(share::<T>));
+        };
+        let mut sums = [0u32; SUMMED];
+        let luma_of = |totals: [u64; 3]| luma(totals.map(|total| (total as f64 / white) as f32));
+        let cells = SUMMED / width;
+        if cells == 0 {
+            for (k, y) in lumas.iter_mut().enumerate() {
+                let mut totals = [0; 3];
+                for from in (0..width).step_by(SUMMED) {
+                    let sums = &mut sums[..SUMMED.min(width - from)];
+                    sum_rows(k * width + from, sums);
+                    self.add(sums, &mut totals);
                 }
+                *y = luma_of(totals);
+            }
+            return;
+        }
+        for (k, lumas) in lumas.chunks_mut(cells).enumerate() {
+            let sums = &mut sums[..lumas.len() * width];
+            sum_rows(k * cells * width, sums);
+            for (y, cell) in lumas.iter_mut().zip(sums.chunks_exact(width)) {
+                let mut totals = [0; 3];
+                self.add(cell, &mut totals);
+                *y = luma_of(totals);
             }
         }
     }
 
-    /// The sums of red, green and blue over pixels in colors.
-    #[inline]
-    fn totals<T: RawSample>(&self, pixels: &[T]) -> [u32; 3] {
-        let mut totals = [0u32; 3];
-        for pixel in pixels.chunks_exact(3) {
-            for (total, &sample) in totals.iter_mut().zip(pixel) {
-                *total += sample.into();
+    /// The lumas of the pixels of a row.
+    fn pixels<T: RawSample>(&self, row: &[T], lumas: &mut [f32]) {
+        let (pixels, _) = row.as_chunks();
+        let lumas = lumas.iter_mut();
+        match self.pixel {
+            RawPixel::Gray => lumas.zip(row).for_each(|(y, sample)| *y = sample.gray()),
+            RawPixel::Rgb => lumas.zip(pixels).for_each(|(y, rgb)| *y = T::luma(*rgb)),
+            RawPixel::Bgr => {
+                let reversed = pixels.iter().map(|[b, g, r]| [*r, *g, *b]);
+                lumas.zip(reversed).for_each(|(y, rgb)| *y = T::luma(rgb));
             }
         }
-        if self.pixel == RawPixel::Bgr {
-            totals.reverse();
+    }
+
+    /// Adds sums of columns to those of red, green and blue.
+    fn add(&self, columns: &[u32], [red, green, blue]: &mut [u64; 3]) {
+        let (pixels, _) = columns.as_chunks::<3>();
+        match self.pixel {
+            RawPixel::Gray => {
+                let total = columns.iter().copied().map(u64::from).sum::<u64>();
+                for sum in [red, green, blue] {
+                    *sum += total;
+                }
+            }
+            RawPixel::Rgb | RawPixel::Bgr => {
+                let sum =
+                    |channel: usize| pixels.iter().map(|p| u64::from(p[channel])).sum::<u64>();
+                let (first, last) = match self.pixel {
+                    RawPixel::Bgr => (2, 0),
+                    _ => (0, 2),
+                };
+                *red += sum(first);
+                *green += sum(1);
+                *blue += sum(last);
+            }
         }
-        totals
     }
 
     /// The samples of a row between two columns.
@@ -281,21 +345,18 @@ impl<'a> RawImage<'a> {
         let channels = self.pixel.channels();
         &samples[(v * self.width + left) * channels..][..width * channels]
     }
-
-    /// The color of a pixel's samples.
-    fn color<T: RawSample>(&self, samples: &[T]) -> [f32; 3] {
-        let [red, green, blue] = match self.pixel {
-            RawPixel::Gray => [0; 3],
-            RawPixel::Rgb => [0, 1, 2],
-            RawPixel::Bgr => [2, 1, 0],
-        };
-        [red, green, blue].map(|channel| samples[channel].unit())
-    }
 }
 
-/// A sum of samples over white: rounded once, so that samples of 8 and of 16 bits with the same values have the same sum.
-fn share<T: RawSample>(total: u32) -> f32 {
-    (f64::from(total) / f64::from(T::WHITE)) as f32
+/// The sums of the three channels over pixels in colors.
+#[inline]
+fn totals<T: RawSample>(pixels: &[T]) -> [u32; 3] {
+    let mut totals = [0u32; 3];
+    for pixel in pixels.chunks_exact(3) {
+        for (total, &sample) in totals.iter_mut().zip(pixel) {
+            *total += sample.into();
+        }
+    }
+    totals
 }
 
 /// A sample.
@@ -309,6 +370,11 @@ trait RawSample: Copy + Into<u32> {
     /// The luma of a gray pixel: that of equal channels differs from their value by rounding; files are read this way.
     fn gray(self) -> f32 {
         luma([self.unit(); 3])
+    }
+
+    /// The luma of red, green and blue.
+    fn luma(color: [Self; 3]) -> f32 {
+        luma(color.map(Self::unit))
     }
 }
 
@@ -338,6 +404,47 @@ static GRAYS: std::sync::LazyLock<[f32; 256]> =
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Of cells that are summed many at once, of a part that ends within, and of one that is wider than what is summed at once.
+    #[test]
+    fn lumas_of_cells_are_those_of_their_mean_color() {
+        let sample = |k: usize| ((k * k * 7 + k * 13) % 251) as u8;
+        for (width, height, level) in [(1030, 9, 1), (1030, 9, 3), (1100, 1100, 10)] {
+            for pixel in RawPixel::ALL {
+                let channels = pixel.channels();
+                let bytes: Vec<u8> = (0..width * height * channels).map(sample).collect();
+                let words: Vec<u16> = bytes.iter().map(|b| 257 * u16::from(*b)).collect();
+                let side = 1 << level;
+                let count = (width - 3) / side;
+                let [of_bytes, of_words] = [
+                    RawImage::new(width, height, pixel, &bytes),
+                    RawImage::new(width, height, pixel, &words),
+                ]
+                .map(|image| {
+                    let mut lumas = vec![0.0; count];
+                    image.expect("an image").cell_row(1, 3, level, &mut lumas);
+                    lumas
+                });
+                assert_eq!(of_bytes, of_words);
+                for (k, y) in of_bytes.iter().enumerate() {
+                    let mean = |channel: usize| {
+                        let of = |v: usize, u: usize| bytes[(v * width + u) * channels + channel];
+                        let left = 3 + k * side;
+                        let rows = 1..1 + side;
+                        let all = rows.flat_map(|v| (left..left + side).map(move |u| (v, u)));
+                        let total: f64 = all.map(|(v, u)| f64::from(of(v, u))).sum();
+                        (total / (side * side) as f64 / 255.0) as f32
+                    };
+                    let expected = match pixel {
+                        RawPixel::Gray => mean(0),
+                        RawPixel::Rgb => luma([mean(0), mean(1), mean(2)]),
+                        RawPixel::Bgr => luma([mean(2), mean(1), mean(0)]),
+                    };
+                    assert!((y - expected).abs() < 1e-6, "{pixel:?} {level} {k}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn the_largest_sample_is_white() {

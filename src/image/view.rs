@@ -74,23 +74,24 @@ impl ImageView<'_> {
             let from = values.len();
             values.resize(from + width, 0.0);
             let sums = &mut values[from..];
-            for k in 0..side {
-                let row = part.top + side * v + k;
-                match self {
-                    Self::Gray(image) => {
-                        let row = image.row(row, part.left, width * side);
+            let top = part.top + side * v;
+            match self {
+                Self::Gray(image) => {
+                    for row in (top..top + side).map(|v| image.row(v, part.left, width * side)) {
                         for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(side)) {
                             *sum += cell.iter().sum::<f32>();
                         }
                     }
-                    Self::Color(image) => {
-                        let row = image.row(row, part.left, width * side);
+                }
+                Self::Color(image) => {
+                    for row in (top..top + side).map(|v| image.row(v, part.left, width * side)) {
                         for (sum, cell) in sums.iter_mut().zip(row.chunks_exact(side)) {
                             *sum += cell.iter().map(|c| luma(*c)).sum::<f32>();
                         }
                     }
-                    Self::Raw(image) => image.add_row(row, part.left, level, sums),
                 }
+                // Summed as integers: samples of 8 and of 16 bits with the same values have the same mean.
+                Self::Raw(image) => return image.cell_row(top, part.left, level, sums),
             }
             sums.iter_mut().for_each(|sum| *sum *= area);
         });

@@ -1,10 +1,11 @@
-"""What each constant of `src/vision` decides: right and wrong answers as it is scaled.
+"""What each constant of a room (`src/vision`, `src/calibrate`) decides: right and wrong answers as it is scaled.
 
-    python studies/constants/sweep.py WORK OUT.csv [--frames 120] [--only pose::]
+    python studies/constants/sweep.py vision WORK OUT.csv [--frames 120] [--only pose::]
+    python studies/constants/sweep.py calibrate WORK OUT.csv
 
-WORK becomes a copy of the sources in which every constant of `src/vision` is a function of a factor that is set at run time. What does
-not compile so (lengths of arrays, other constants) stays a constant. One build, and then one estimate of the same rendered pictures
-for each constant and factor. `table.py` makes the page of OUT.csv.
+WORK becomes a copy of the sources in which every constant of the room is a function of a factor that is set at run time. What does
+not compile so (lengths of arrays, other constants) stays a constant. One build, and then one estimate of the same rendered pictures, or
+one table of the same clips of unknown balls, for each constant and factor. `table.py` makes the page of OUT.csv.
 """
 
 import json
@@ -15,6 +16,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+ROOM = Path("src") / sys.argv[1]
 HERE = Path(__file__).parent
 CONST = re.compile(r"^(?P<vis>pub(?:\([a-z: ]+\))? )?const (?P<name>[A-Z0-9_]+): (?P<type>[^=]+?) =\s*(?P<value>[^;]+);", re.M)
 REGISTRY = """//! Constants by number, and by how much one of them is scaled.
@@ -69,7 +71,7 @@ def scaled(kind: str, value: str, number: int) -> str | None:
 
 
 def files() -> list[Path]:
-    return sorted(p.relative_to(ROOT) for p in (ROOT / "src/vision").rglob("*.rs") if p.name != "tests.rs")
+    return sorted(p.relative_to(ROOT) for p in (ROOT / ROOM).rglob("*.rs") if p.name != "tests.rs")
 
 
 def rewrite(work: Path, kept: set[str]) -> list[str]:
@@ -78,7 +80,7 @@ def rewrite(work: Path, kept: set[str]) -> list[str]:
     for path in files():
         text = (ROOT / path).read_text()
         head, mark, tests = text.partition("#[cfg(test)]")
-        module = str(path.relative_to("src/vision")).removesuffix(".rs").replace("/", "::")
+        module = str(path.relative_to(ROOM)).removesuffix(".rs").replace("/", "::")
         for found in list(CONST.finditer(head)):
             name, full = found["name"], f"{module}::{found['name']}"
             if found["vis"] or full in kept:
@@ -108,9 +110,9 @@ def failing(work: Path, names: list[str]) -> set[str]:
             continue
         for span in message.get("spans", []):
             path = Path(span["file_name"])
-            if not path.is_relative_to("src/vision"):
+            if not path.is_relative_to(ROOM):
                 continue
-            module = str(path.relative_to("src/vision")).removesuffix(".rs").replace("/", "::")
+            module = str(path.relative_to(ROOM)).removesuffix(".rs").replace("/", "::")
             words = set(re.findall(r"\b[A-Z][A-Z0-9_]*\b", " ".join(t["text"] for t in span["text"])))
             here = {n for n in names if n.rsplit("::", 1)[0] == module}
             hit = {n for n in here if n.rsplit("::", 1)[1] in words}
@@ -121,7 +123,7 @@ def failing(work: Path, names: list[str]) -> set[str]:
 
 
 def main() -> None:
-    work, out = Path(sys.argv[1]), Path(sys.argv[2])
+    work, out = Path(sys.argv[2]), Path(sys.argv[3])
     skip = shutil.ignore_patterns("target", ".git")
     shutil.copytree(ROOT, work, ignore=skip, dirs_exist_ok=True)
     library = work / "src/lib.rs"
@@ -130,7 +132,7 @@ def main() -> None:
     text = (ROOT / "studies/src/bench/main.rs").read_text()
     text = text.replace("mod targets;", "mod sweep;\nmod targets;").replace("    Targets(", "    /// Constants.\n    Sweep(sweep::Args),\n    Targets(")
     program.write_text(re.sub(r"( +)(Command::)?Targets\(args\)", r"\1\2Sweep(args) => args.run(),\n\1\2Targets(args)", text))
-    shutil.copy(HERE / "judge.rs", work / "studies/src/bench/sweep.rs")
+    shutil.copy(HERE / f"judge_{ROOM.name}.rs", work / "studies/src/bench/sweep.rs")
     kept: set[str] = set()
     while True:
         names = rewrite(work, kept)
@@ -143,7 +145,7 @@ def main() -> None:
     command = ["cargo", "build", "--release", "--quiet", "-p", "spindoe-studies"]
     subprocess.run(command, cwd=work, check=True)
     with out.open("w") as file:
-        subprocess.run([work / "target/release/bench", "sweep", *sys.argv[3:]], cwd=work, stdout=file, check=True)
+        subprocess.run([work / "target/release/bench", "sweep", *sys.argv[4:]], cwd=work, stdout=file, check=True)
 
 
 main()

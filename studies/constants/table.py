@@ -1,6 +1,7 @@
 """The page of what constants decide: `docs/measurements/constants.md`, by a sweep's file.
 
-    python studies/constants/table.py OUT.csv
+    python studies/constants/table.py vision OUT.csv
+    python studies/constants/table.py calibrate OUT.csv
 """
 
 import csv
@@ -10,19 +11,24 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/measurements/constants.md"
-BEGIN, END = "<!-- sweep -->", "<!-- end -->"
+ROOM = sys.argv[1]
+BEGIN, END = f"<!-- {ROOM} -->", f"<!-- end of {ROOM} -->"
+SUMMARY = {
+    "vision": "{right} right, {wrong} wrong, {others} answered without the ball, of {judged} pictures.",
+    "calibrate": "{right} whole tables, {wrong} wrong ones, of {judged} clips; {others} dots in them.",
+}
 
 
 def value(name: str) -> str:
     """As the source has it."""
     module, _, constant = name.rpartition("::")
-    path = ROOT / "src/vision" / (module.replace("::", "/") + ".rs")
+    path = ROOT / "src" / ROOM / (module.replace("::", "/") + ".rs")
     found = re.search(rf"const {constant}: [^=]+=\s*([^;]+);", path.read_text())
     return " ".join(found[1].split()) if found else "?"
 
 
 def change(run: dict[str, str], base: dict[str, str]) -> tuple[list[int], float]:
-    counts = [int(run[k]) - int(base[k]) for k in ("right", "wrong", "answered_without_ball")]
+    counts = [int(run[k]) - int(base[k]) for k in ("right", "wrong", "others")]
     mean = [float(r["sum_of_errors_deg"]) / max(int(r["right"]), 1) for r in (run, base)]
     return counts, 100.0 * (mean[0] / mean[1] - 1.0)
 
@@ -35,7 +41,7 @@ def words(counts: list[int], mean: float) -> str:
 
 
 def main() -> None:
-    with Path(sys.argv[1]).open(newline="") as file:
+    with Path(sys.argv[2]).open(newline="") as file:
         rows = list(csv.DictReader(file))
     base = rows[0]
     by_name: dict[str, dict[float, dict[str, str]]] = {}
@@ -44,7 +50,7 @@ def main() -> None:
             by_name.setdefault(row["constant"], {})[float(row["factor"])] = row
     factors = sorted({f for runs in by_name.values() for f in runs})
     lines = [
-        f"{base['right']} right, {base['wrong']} wrong, {base['answered_without_ball']} answered without the ball, of {base['pictures']} pictures.",
+        SUMMARY[ROOM].format(**base),
         "",
         "| constant | value | " + " | ".join(f"x {f:g}" for f in factors) + " |",
         "|---|---|" + "---|" * len(factors),
@@ -56,7 +62,7 @@ def main() -> None:
             same.append(name)
             continue
         lines.append(f"| `{name}` | {value(name)} | " + " | ".join(cells) + " |")
-    lines += ["", f"Without an effect on these pictures, {len(same)} of {len(by_name)}: " + ", ".join(f"`{n}`" for n in sorted(same)) + "."]
+    lines += ["", f"Without an effect here, {len(same)} of {len(by_name)}: " + ", ".join(f"`{n}`" for n in sorted(same)) + "."]
     text = PAGE.read_text()
     head, rest = text.split(BEGIN)
     _, tail = rest.split(END)

@@ -1,11 +1,13 @@
-//! A cap in the image: where its edge lies, and the light of a pixel about it.
+//! A cap in the image: where its edge lies, and the light of pixels about it, four at a time.
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f64x4};
 use nalgebra::{Matrix3x2, SVector, Vector2};
 
-use super::tone::Tone;
+use super::tone::{CapShape, Tone};
 use super::{SHAPE, UNKNOWNS};
+use crate::fit::{LANES, normal_cdf_and_density};
 use crate::geometry::Vec3;
-use crate::stats::normal_cdf_and_density;
 use crate::vision::optics::camera::BallView;
 
 /// The least blur, pixels: a pixel's own.
@@ -14,17 +16,75 @@ const LEAST_BLUR: f64 = 0.25;
 pub(crate) const DARKEST: f64 = 1e-4;
 /// The blur's least variance across a stretched dot, of that of a round one.
 const THINNEST: f64 = 0.02;
-/// So many deviations of the blur from the edge is no ink, or nothing else.
-const FLAT: f64 = 4.0;
 
-/// A pixel.
+/// Four pixels: where their rays meet the sphere, and their values.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct CapSample {
-    /// Where its ray meets the sphere.
-    pub direction: Vec3,
-    /// Along the ray, away from the camera; of any length.
-    pub ray: Vec3,
-    pub value: f64,
+pub(crate) struct CapPixels {
+    direction: [[f64; LANES]; 3],
+    value: [f64; LANES],
+    /// 1 for each, 0 where a lane is empty.
+    counts: [f64; LANES],
+}
+
+impl CapPixels {
+    /// One pixel, in all lanes that follow, too, so that these are finite.
+    pub fn one(direction: &Vec3, value: f64) -> Self {
+        let mut pixels = Self {
+            direction: [direction.x, direction.y, direction.z].map(|x| [x; LANES]),
+            value: [value; LANES],
+            counts: [0.0; LANES],
+        };
+        pixels.counts[0] = 1.0;
+        pixels
+    }
+
+    pub fn set(&mut self, lane: usize, direction: &Vec3, value: f64) {
+        for (k, axis) in self.direction.iter_mut().enumerate() {
+            axis[lane] = direction[k];
+        }
+        (self.value[lane], self.counts[lane]) = (value, 1.0);
+    }
+
+    /// Direction and value of each pixel.
+    pub fn each(&self) -> impl Iterator<Item = (Vec3, f64)> {
+        let count = self.counts.iter().filter(|c| **c > 0.0).count();
+        (0..count).map(|lane| {
+            let direction = Vec3::from_fn(|k, _| self.direction[k][lane]);
+            (direction, self.value[lane])
+        })
+    }
+
+    /// The values, and 1 for each.
+    #[inline(always)]
+    pub fn values<S: Simd>(&self, simd: S) -> [f64x4<S>; 2] {
+        [self.value, self.counts].map(|lanes| f64x4::simd_from(simd, lanes))
+    }
+
+    #[inline(always)]
+    fn direction<S: Simd>(&self, simd: S) -> Lanes3<S> {
+        Lanes3(self.direction.map(|axis| f64x4::simd_from(simd, axis)))
+    }
+}
+
+/// A vector in each lane.
+#[derive(Clone, Copy)]
+struct Lanes3<S: Simd>([f64x4<S>; 3]);
+
+impl<S: Simd> Lanes3<S> {
+    #[inline(always)]
+    fn dot(&self, by: &[f64; 3]) -> f64x4<S> {
+        self.0[0] * by[0] + self.0[1] * by[1] + self.0[2] * by[2]
+    }
+
+    #[inline(always)]
+    fn dot_each(&self, other: &Self) -> f64x4<S> {
+        self.0[0] * other.0[0] + self.0[1] * other.0[1] + self.0[2] * other.0[2]
+    }
+
+    #[inline(always)]
+    fn norm(&self) -> f64x4<S> {
+        self.dot_each(self).sqrt()
+    }
 }
 
 /// Where an iteration stands.
@@ -44,147 +104,176 @@ pub(crate) struct DiscState {
 }
 
 /// The disc that a cap cuts off.
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct Disc {
-    pub middle: Vec3,
-    pub tangents: [Vec3; 2],
-    pub sin: f64,
-    pub cos: f64,
-    pub blur: f64,
-    pub stretch: Vector2<f64>,
+    pub(super) middle: [f64; 3],
+    pub(super) tangents: [[f64; 3]; 2],
+    pub(super) sin: f64,
+    pub(super) cos: f64,
+    pub(super) blur: f64,
+    pub(super) stretch: [f64; 2],
+    /// Ball radii over the camera's distance.
+    pub(super) horizon: f64,
     /// Change in its plane along a pixel of u and v, and the sums of its squares that the blur's covariance weighs.
-    pub by_pixel: Matrix3x2<f64>,
-    pub spread: Squares,
+    pub(super) by_pixel: [[f64; 3]; 2],
+    pub(super) spread: [f64; 3],
 }
 
 /// The squares of a pair, as the blur's covariance `s^2 I + [[p, q], [q, -p]]` weighs them.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Squares {
+struct Squares<S: Simd> {
     /// Their sum: weighed by `s^2`.
-    sum: f64,
+    sum: f64x4<S>,
     /// Their difference and twice the product: weighed by `p` and `q`.
-    stretched: Vector2<f64>,
+    stretched: [f64x4<S>; 2],
 }
 
-impl Squares {
-    fn of(u: f64, v: f64, product: f64) -> Self {
-        Self {
-            sum: u + v,
-            stretched: Vector2::new(u - v, 2.0 * product),
-        }
-    }
-
-    fn weighed(&self, blur: f64, stretch: &Vector2<f64>) -> f64 {
-        blur * blur * self.sum + self.stretched.dot(stretch)
-    }
-}
-
-/// Where a pixel lies by the disc's edge.
-struct EdgeDistance {
+/// Where pixels lie by the disc's edge.
+struct EdgeDistance<S: Simd> {
     /// From the edge inwards, deviations of the blur.
-    inside: f64,
+    inside: f64x4<S>,
     /// Its derivative by the middle, the radius and the blur.
-    by: [f64; 4],
-    by_stretch: Vector2<f64>,
+    by: [f64x4<S>; 4],
+    by_stretch: [f64x4<S>; 2],
 }
 
 impl Disc {
     pub fn new(view: &BallView, state: &DiscState, tangents: &[Vec3; 2]) -> Option<Self> {
         let (sin, cos) = state.radius.sin_cos();
-        let by_pixel = view.by_pixel(&state.middle)?;
+        let by_pixel: Matrix3x2<f64> = view.by_pixel(&state.middle)?;
+        let [u, v] = [by_pixel.column(0), by_pixel.column(1)];
         Some(Self {
-            middle: state.middle,
-            tangents: *tangents,
+            middle: state.middle.into(),
+            tangents: tangents.map(Into::into),
             sin,
             cos,
             blur: state.blur,
-            stretch: state.stretch,
-            spread: Squares::of(
-                by_pixel.column(0).norm_squared(),
-                by_pixel.column(1).norm_squared(),
-                by_pixel.column(0).dot(&by_pixel.column(1)),
-            ),
-            by_pixel,
+            stretch: state.stretch.into(),
+            horizon: view.horizon(),
+            spread: [
+                u.norm_squared() + v.norm_squared(),
+                u.norm_squared() - v.norm_squared(),
+                2.0 * u.dot(&v),
+            ],
+            by_pixel: by_pixel.data.0,
         })
     }
 
-    /// Where the ray of a pixel meets the plane, from the disc's middle on; and its slope there.
-    fn meet(&self, sample: &CapSample) -> (Vec3, f64) {
-        let facing = sample.ray.dot(&self.middle);
-        let along = (self.cos - sample.direction.dot(&self.middle)) / facing;
-        let away = sample.direction + sample.ray * along - self.middle * self.cos;
-        (away, away.dot(&sample.ray) / facing)
+    /// Where the rays of pixels meet the plane, from the disc's middle on; and their slope there. Rays lead from the camera
+    /// at (0, 0, 1 / horizon): they are of any length.
+    #[inline(always)]
+    fn meet<S: Simd>(&self, direction: &Lanes3<S>) -> (Lanes3<S>, f64x4<S>) {
+        let mut ray = Lanes3(direction.0.map(|x| x * self.horizon));
+        ray.0[2] -= 1.0;
+        let facing = ray.dot(&self.middle);
+        let along = (-direction.dot(&self.middle) + self.cos) / facing;
+        let away = Lanes3(std::array::from_fn(|k| {
+            direction.0[k] + ray.0[k] * along - self.middle[k] * self.cos
+        }));
+        (away, away.dot_each(&ray) / facing)
     }
 
     /// Change along a pixel in the direction that leads away from the middle.
-    fn outwards(&self, away: &Vec3, length: f64) -> Squares {
-        let [u, v] = [0, 1].map(|k| self.by_pixel.column(k).dot(away) / length);
-        Squares::of(u * u, v * v, u * v)
+    #[inline(always)]
+    fn outwards<S: Simd>(&self, away: &Lanes3<S>, length: f64x4<S>) -> Squares<S> {
+        let [u, v] = self.by_pixel.map(|by| away.dot(&by) / length);
+        let (of_u, of_v) = (u * u, v * v);
+        Squares {
+            sum: of_u + of_v,
+            stretched: [of_u - of_v, u * v * 2.0],
+        }
     }
 
     /// The blur's width changes little with the middle: that is left out of the derivatives.
-    fn edge(&self, sample: &CapSample) -> EdgeDistance {
-        let (away, slope) = self.meet(sample);
+    #[inline(always)]
+    fn edge<S: Simd>(&self, direction: &Lanes3<S>) -> EdgeDistance<S> {
+        let (away, slope) = self.meet(direction);
         let length = away.norm().max(1e-9);
         let outwards = self.outwards(&away, length);
-        let round = self.blur * self.blur * outwards.sum;
-        let width2 = outwards.weighed(self.blur, &self.stretch);
-        let width2 = width2.max(THINNEST * round).max(1e-18);
+        let [p, q] = self.stretch;
+        let squared = self.blur * self.blur;
+        let round = outwards.sum * squared;
+        let width2 = round + outwards.stretched[0] * p + outwards.stretched[1] * q;
+        let width2 = width2.max(round * THINNEST).max(1e-18);
         let width = width2.sqrt();
-        let across = self.spread.weighed(self.blur, &self.stretch) - width2;
+        let of_all = squared * self.spread[0] + self.spread[1] * p + self.spread[2] * q;
+        let across = -width2 + of_all;
         let reached = (length * length + across.max(0.0)).sqrt();
-        let inside = (self.sin - reached) / width;
-        let by_middle = (slope + self.cos) / (reached * width);
-        let by_width2 = -0.5 * inside / width2;
-        let by_across = -0.5 / (reached * width);
-        let rest =
-            |of_all: f64, of_width: f64| by_width2 * of_width + by_across * (of_all - of_width);
-        let [p, q] = [0, 1].map(|k| rest(self.spread.stretched[k], outwards.stretched[k]));
+        let by_reached = f64x4::splat(width.simd, 1.0) / (reached * width);
+        let inside = (-reached + self.sin) / width;
+        let by_middle = (slope + self.cos) * by_reached;
+        let by_width2 = inside * -0.5 / width2;
+        let by_across = by_reached * -0.5;
+        let rest = |of_all: f64, of_width: f64x4<S>| {
+            by_width2 * of_width + by_across * (-of_width + of_all)
+        };
         EdgeDistance {
             inside,
             by: [
-                by_middle * self.tangents[0].dot(&away),
-                by_middle * self.tangents[1].dot(&away),
-                (self.cos + slope * self.sin / reached) / width,
-                2.0 * self.blur * rest(self.spread.sum, outwards.sum),
+                by_middle * away.dot(&self.tangents[0]),
+                by_middle * away.dot(&self.tangents[1]),
+                (slope * self.sin / reached + self.cos) / width,
+                rest(self.spread[0], outwards.sum) * (2.0 * self.blur),
             ],
-            by_stretch: Vector2::new(p, q),
+            by_stretch: [0, 1].map(|k| rest(self.spread[1 + k], outwards.stretched[k])),
         }
     }
 
     /// Pixels from the edge outwards, and from that of a disc that many times as large.
-    pub fn beyond(&self, sample: &CapSample, scale: f64) -> [f64; 2] {
-        let (away, _) = self.meet(sample);
+    #[inline(always)]
+    pub fn beyond<S: Simd>(&self, simd: S, pixels: &CapPixels, scale: f64) -> [[f64; LANES]; 2] {
+        let (away, _) = self.meet(&pixels.direction(simd));
         let length = away.norm().max(1e-9);
-        let pixels = self.outwards(&away, length).sum.max(1e-18).sqrt().recip();
-        [1.0, scale].map(|scale| (length - scale * self.sin) * pixels)
+        let width = self.outwards(&away, length).sum.max(1e-18).sqrt();
+        [1.0, scale].map(|scale| ((length - scale * self.sin) / width).into())
     }
 }
 
 impl DiscState {
-    /// The value of a pixel, and its derivatives; those by the stretch are the last two of eleven.
-    pub fn shown<const N: usize>(&self, disc: &Disc, sample: &CapSample) -> (f64, [f64; N]) {
-        let away = sample.direction - self.middle;
-        let along = [0, 1].map(|k| disc.tangents[k].dot(&away));
-        let edge = disc.edge(sample);
-        let (covered, density) = match edge.inside.abs() < FLAT {
-            true => normal_cdf_and_density(edge.inside),
-            false => (f64::from(edge.inside > 0.0), 0.0),
-        };
-        let lit = self.light + self.slope[0] * along[0] + self.slope[1] * along[1];
-        let left = 1.0 - self.ink * covered;
-        let (shown, rate) = Tone::shown(self.bend, (lit * left).max(DARKEST));
-        let by_edge = -rate * lit * self.ink * density;
+    /// Of a dot that nothing is known of but where it is expected, and the shape of others.
+    pub fn unlit(middle: &Vec3, shape: CapShape) -> Self {
+        Self {
+            middle: *middle,
+            radius: shape.radius,
+            blur: shape.blur,
+            stretch: Vector2::zeros(),
+            bend: shape.tone.bend,
+            ink: 0.5,
+            light: 0.5,
+            slope: Vector2::zeros(),
+        }
+    }
+
+    /// The values of pixels, and their derivatives; those by the stretch are the last two of eleven.
+    #[inline(always)]
+    pub fn shown<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        disc: &Disc,
+        pixels: &CapPixels,
+    ) -> (f64x4<S>, [f64x4<S>; N]) {
+        let direction = pixels.direction(simd);
+        // A tangent is perpendicular to where the iteration started, not to the middle.
+        let middle = Vec3::from(disc.middle);
+        let along = disc
+            .tangents
+            .map(|t| direction.dot(&t) - Vec3::from(t).dot(&middle));
+        let edge = disc.edge(&direction);
+        let [covered, density] = normal_cdf_and_density(edge.inside);
+        let lit = along[0] * self.slope[0] + along[1] * self.slope[1] + self.light;
+        let left = -(covered * self.ink) + 1.0;
+        let [shown, rate] = Tone::shown_each(self.bend, (lit * left).max(DARKEST));
+        let by_edge = -(rate * lit * density * self.ink);
         let left = rate * left;
         let all = [
             by_edge * edge.by[0] - left * self.slope[0],
             by_edge * edge.by[1] - left * self.slope[1],
             by_edge * edge.by[2],
             by_edge * edge.by[3],
-            -rate * lit * covered,
+            -(rate * lit * covered),
             left,
             left * along[0],
             left * along[1],
-            shown * (1.0 - shown) * rate,
+            shown * (-shown + 1.0) * rate,
             by_edge * edge.by_stretch[0],
             by_edge * edge.by_stretch[1],
         ];

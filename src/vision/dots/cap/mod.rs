@@ -22,11 +22,12 @@ mod disc;
 mod tests;
 mod tone;
 
-use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SVector, Vector2, Vector3};
+use fearless_simd::{Level, Simd, dispatch};
+use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SVector, Vector3};
 
-use self::disc::{CapSample, DARKEST, Disc, DiscState};
+use self::disc::{CapPixels, DARKEST, Disc, DiscState};
 pub(crate) use self::tone::{CapShape, Tone};
-use crate::fit::{Student, Sums};
+use crate::fit::{LANES, LaneSums, Student, Sums};
 use crate::geometry::{Vec3, tangent_frame};
 use crate::vision::optics::ball_pixels::BallPixels;
 use crate::vision::optics::camera::{BallView, Pixel};
@@ -113,7 +114,11 @@ pub struct DotBlur {
 /// Fits caps; keeps its memory.
 #[derive(Debug)]
 pub(crate) struct CapFitter {
-    samples: Vec<CapSample>,
+    level: Level,
+    /// The pixels of the dot, by fours.
+    pixels: Vec<CapPixels>,
+    /// How many they are.
+    count: usize,
     /// Where the last fit ended that found a cap.
     converged: Option<Converged>,
 }
@@ -130,7 +135,9 @@ struct Converged {
 impl Default for CapFitter {
     fn default() -> Self {
         Self {
-            samples: Vec::with_capacity(EXPECTED_PIXELS),
+            level: Level::new(),
+            pixels: Vec::with_capacity(EXPECTED_PIXELS / LANES),
+            count: 0,
             converged: None,
         }
     }
@@ -178,7 +185,7 @@ impl CapFitter {
         shape: CapShape,
     ) -> Option<Cap> {
         let tangents = tangent_frame(expected);
-        self.sample(pixels, expected, shape)?;
+        self.read(pixels, expected, shape)?;
         let mut state = self.start(expected, shape);
         let mut variance = None;
         for _ in 0..STEPS {
@@ -246,7 +253,7 @@ impl CapFitter {
     }
 
     /// Reads the pixels about a dot.
-    fn sample(&mut self, pixels: &BallPixels<'_>, expected: &Vec3, shape: CapShape) -> Option<()> {
+    fn read(&mut self, pixels: &BallPixels<'_>, expected: &Vec3, shape: CapShape) -> Option<()> {
         let CapShape { radius, blur, .. } = shape;
         let BallPixels { gray, view, .. } = pixels;
         let horizon = view.horizon();
@@ -259,58 +266,79 @@ impl CapFitter {
         let [(left, right), (top, bottom)] = bounds(pixels, expected, MARGIN.0 * radius, margin)?;
         let count = ((right - left + 1) * (bottom - top + 1)) as f64;
         let stride = (count / MANY_PIXELS).sqrt().ceil().max(1.0) as usize;
-        let start = self.start(expected, shape);
-        let disc = Disc::new(view, &start, &tangent_frame(expected))?;
-        self.samples.clear();
+        let disc = Disc::new(
+            view,
+            &DiscState::unlit(expected, shape),
+            &tangent_frame(expected),
+        )?;
+        self.pixels.clear();
+        self.count = 0;
+        let level = self.level;
         for v in top..=bottom {
             let row = gray.row(v, 0, gray.width());
-            for (u, value) in row.iter().enumerate().take(right + 1).skip(left) {
-                let place = pixels.place(u, v);
-                let Some(direction) = view.direction(place).filter(|d| d.z - horizon >= rim) else {
+            for from in (left..=right).step_by(LANES) {
+                let columns = from..(from + LANES).min(right + 1);
+                let directions: [Option<Vec3>; LANES] = std::array::from_fn(|lane| {
+                    let u = from + lane;
+                    let direction = columns
+                        .contains(&u)
+                        .then(|| view.direction(pixels.place(u, v)))??;
+                    (direction.z - horizon >= rim).then_some(direction)
+                });
+                let Some(any) = directions.iter().flatten().next() else {
                     continue;
                 };
-                let sample = CapSample {
-                    direction,
-                    // The camera is at (0, 0, 1 / horizon).
-                    ray: direction * horizon - Vec3::z(),
-                    value: f64::from(*value),
-                };
-                let is_even = u % stride == 0 && v % stride == 0;
-                let [of_edge, of_surroundings] = disc.beyond(&sample, MARGIN.0);
-                let is_read = is_even || of_edge.abs() <= margin;
-                if is_read && of_surroundings <= margin {
-                    self.samples.push(sample);
+                let mut four = CapPixels::one(any, 0.0);
+                for (lane, direction) in directions.iter().enumerate() {
+                    four.set(lane, direction.as_ref().unwrap_or(any), 0.0);
+                }
+                let [of_edge, of_surroundings] =
+                    dispatch!(level, simd => disc.beyond(simd, &four, MARGIN.0));
+                for (lane, direction) in directions.iter().enumerate() {
+                    let Some(direction) = direction else {
+                        continue;
+                    };
+                    let u = from + lane;
+                    let is_even = u % stride == 0 && v % stride == 0;
+                    let is_read = is_even || of_edge[lane].abs() <= margin;
+                    if is_read && of_surroundings[lane] <= margin {
+                        self.push(direction, f64::from(row[u]));
+                    }
                 }
             }
         }
-        (self.samples.len() >= MIN_PIXELS).then_some(())
+        (self.count >= MIN_PIXELS).then_some(())
+    }
+
+    fn push(&mut self, direction: &Vec3, value: f64) {
+        let lane = self.count % LANES;
+        match self.pixels.last_mut().filter(|_| lane > 0) {
+            Some(four) => four.set(lane, direction, value),
+            None => self.pixels.push(CapPixels::one(direction, value)),
+        }
+        self.count += 1;
     }
 
     /// Light and ink by the pixels within and without.
     fn start(&self, expected: &Vec3, shape: CapShape) -> DiscState {
         let bend = shape.tone.bend;
         let (mut inside, mut outside) = ([0.0, 0.0], [0.0, 0.0]);
-        for sample in &self.samples {
-            let length = (sample.direction - expected).norm() / shape.radius;
+        for (direction, value) in self.pixels.iter().flat_map(CapPixels::each) {
+            let length = (direction - expected).norm() / shape.radius;
             let sum = match length {
                 l if l < 0.7 => &mut inside,
                 l if l > 1.1 => &mut outside,
                 _ => continue,
             };
-            sum[0] += Tone::light(bend, sample.value);
+            sum[0] += Tone::light(bend, value);
             sum[1] += 1.0;
         }
         let mean = |[sum, count]: [f64; 2]| if count > 0.0 { sum / count } else { 0.5 };
         let light = mean(outside).max(1e-3);
         DiscState {
-            middle: *expected,
-            radius: shape.radius,
-            blur: shape.blur,
-            bend,
             ink: 1.0 - mean(inside) / light,
             light,
-            slope: Vector2::zeros(),
-            stretch: Vector2::zeros(),
+            ..DiscState::unlit(expected, shape)
         }
     }
 
@@ -321,27 +349,44 @@ impl CapFitter {
         expected: &[(f64, f64); 3],
         variance: Option<f64>,
     ) -> Option<CapEquations<N>> {
-        let mut sums = Sums::<N>::default();
-        for sample in &self.samples {
-            let (shown, by) = state.shown(disc, sample);
-            let residual = sample.value - shown;
-            let weight = variance.map_or(1.0, |v| LOSS.weight(residual * residual / v));
-            sums.add(&by, residual, weight);
-        }
+        let mut sums =
+            dispatch!(self.level, simd => self.sums::<_, N>(simd, disc, state, variance));
         let now = [state.radius, state.blur, state.bend];
         for ((k, now), (expected, spread)) in SHAPE.into_iter().zip(now).zip(expected) {
             let known = variance.unwrap_or(FIRST_VARIANCE) / spread;
             sums.information[k][k] += known;
             sums.gradient[k] += known * (expected - now);
         }
-        let free = self.samples.len().saturating_sub(N);
-        let share = free as f64 / self.samples.len() as f64;
+        let free = self.count.saturating_sub(N);
+        let share = free as f64 / self.count as f64;
         let variance = sums.squares / (sums.weights * share);
         (variance.is_finite() && free > 0).then(|| CapEquations {
             information: sums.symmetric(),
             gradient: SVector::from(sums.gradient),
             variance: variance.max(LEAST_VARIANCE),
         })
+    }
+
+    #[inline(always)]
+    fn sums<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        disc: &Disc,
+        state: &DiscState,
+        variance: Option<f64>,
+    ) -> Sums<N> {
+        let mut sums = LaneSums::new(simd);
+        for four in &self.pixels {
+            let (shown, by) = state.shown(simd, disc, four);
+            let [value, counts] = four.values(simd);
+            let residual = value - shown;
+            let weight = match variance {
+                Some(v) => counts * LOSS.weight_each(residual * residual * v.recip()),
+                None => counts,
+            };
+            sums.add(&by, residual, weight);
+        }
+        sums.total()
     }
 }
 

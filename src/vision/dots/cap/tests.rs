@@ -67,6 +67,21 @@ fn fitted(gray: &GrayImage, view: &BallView, near: Pixel) -> Option<Cap> {
     CapFitter::default().fit(&BallPixels { gray, grid, view }, near, None)
 }
 
+/// The value of a pixel, and its derivatives.
+fn shown_by(state: &DiscState, disc: &Disc, pixel: &CapPixels) -> (f64, [f64; STRETCHED]) {
+    #[inline(always)]
+    fn each<S: Simd>(
+        simd: S,
+        state: &DiscState,
+        disc: &Disc,
+        pixel: &CapPixels,
+    ) -> (f64, [f64; STRETCHED]) {
+        let (shown, by) = state.shown::<S, STRETCHED>(simd, disc, pixel);
+        (shown[0], by.map(|by| by[0]))
+    }
+    dispatch!(Level::new(), simd => each(simd, state, disc, pixel))
+}
+
 /// To a twentieth: how the blur's width changes around the dot is left out, which moves no fit without residuals.
 #[test]
 fn derivatives_are_those_of_finite_differences() {
@@ -92,12 +107,8 @@ fn derivatives_are_those_of_finite_differences() {
             v: at.v + dv,
         };
         let direction = view.direction(place).expect("a value");
-        let sample = CapSample {
-            direction,
-            ray: direction * view.horizon() - Vec3::z(),
-            value: 0.0,
-        };
-        let (shown, by) = state.shown::<STRETCHED>(&disc, &sample);
+        let pixel = CapPixels::one(&direction, 0.0);
+        let (shown, by) = shown_by(&state, &disc, &pixel);
         for (k, by) in by.into_iter().enumerate() {
             let mut change = SVector::<f64, STRETCHED>::zeros();
             change[k] = step;
@@ -109,7 +120,7 @@ fn derivatives_are_those_of_finite_differences() {
                 spread,
                 ..Disc::new(&view, &moved, &tangents).expect("a value")
             };
-            let difference = (moved.shown::<STRETCHED>(&disc, &sample).0 - shown) / step;
+            let difference = (shown_by(&moved, &disc, &pixel).0 - shown) / step;
             assert!(
                 (difference - by).abs() < 0.05 * (1.0 + by.abs()),
                 "{k}: {difference} {by}"

@@ -1,5 +1,8 @@
 //! What the dots of an image share: the tone curve, and a dot's size and sharpness.
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, f64x4};
+
 use crate::vision::optics::camera::BallView;
 
 /// Standard deviations of radius and blur, of these: of the first dot, and of one on a ball whose other dots are known.
@@ -40,17 +43,20 @@ impl Tone {
         (1.0 - bend + bend * value) * value
     }
 
-    /// The light that is stored as `value`, and its slope there.
-    pub fn light_and_slope(&self, value: f64) -> (f64, f64) {
-        let slope = 1.0 - self.bend + 2.0 * self.bend * value;
-        (Self::light(self.bend, value), slope)
-    }
-
     /// How light is stored, and the curve's slope there.
     pub fn shown(bend: f64, light: f64) -> (f64, f64) {
         let straight = 1.0 - bend;
         let root = (straight * straight + 4.0 * bend * light).sqrt();
         (2.0 * light / (straight + root), 1.0 / root)
+    }
+
+    /// The same of several.
+    #[inline(always)]
+    pub fn shown_each<S: Simd>(bend: f64, light: f64x4<S>) -> [f64x4<S>; 2] {
+        let straight = 1.0 - bend;
+        let root = (light * (4.0 * bend) + straight * straight).sqrt();
+        let rate = f64x4::splat(light.simd, 1.0) / root;
+        [light * 2.0 / (root + straight), rate]
     }
 }
 

@@ -27,6 +27,8 @@ use crate::vision::optics::grid::Grid;
 const SIDE: usize = 320;
 /// The smallest radius that is voted for, at the first size only, values.
 const FINEST: usize = 5;
+/// More than there are sizes of an image.
+const SIZES: usize = 16;
 /// Centers examined at each size and for each polarity.
 const CENTERS: usize = 8;
 /// Circles given out by one search.
@@ -98,6 +100,8 @@ pub struct CoarseSearch {
     before: Vec<RoughCircle>,
     /// How many of those were tried.
     tried: usize,
+    /// Which sizes of the image have no edge.
+    bare: [bool; SIZES],
 }
 
 /// How often an image of this size is halved until it is small enough.
@@ -166,13 +170,17 @@ impl CoarseSearch {
     /// Searches all sizes.
     fn scan(&mut self, level: u32, radii: (f64, f64), is_plain: bool) {
         let mut plain = std::mem::take(&mut self.plain);
-        for size in 0.. {
+        for size in 0..SIZES {
             let grid = Grid::halved(level + size as u32);
             let scale = grid.side;
             let smallest = if size == 0 { FINEST } else { MIN };
             let is_over = smallest as f64 * scale > radii.1;
             if is_over || (size > 0 && !self.halve(size)) {
                 break;
+            }
+            // What has no edge has none without what is thin.
+            if is_plain && self.bare[size] {
+                continue;
             }
             self.reserve(size);
             plain.reserve(self.sizes[size].values().len());
@@ -183,6 +191,12 @@ impl CoarseSearch {
             }
             self.votes
                 .look(if is_plain { &plain } else { &self.sizes[size] }, rims);
+            if self.tried == 0 && !is_plain {
+                self.bare[size] = self.votes.is_bare();
+            }
+            if self.votes.is_bare() {
+                continue;
+            }
             let fine = (size == 0 && !is_plain).then_some(FINEST..=MIN);
             for voted in fine.into_iter().chain([MIN..=MAX]) {
                 let (from, to) = (*voted.start() as f64 * scale, *voted.end() as f64 * scale);

@@ -17,6 +17,9 @@ const WEAK: f32 = 0.15;
 /// many places show it.
 const NOISE: f32 = 2.0;
 const NOISE_PLACES: usize = 4096;
+/// The strong gradients of nothing but noise are as long as its distribution has them, to this factor: then there is no edge. Of noise alone,
+/// of a sensor or of bytes, they are to within 3 %; noise that is not even has longer ones.
+const NOTHING_BUT_NOISE: f32 = 1.1;
 /// Of lengths of a Gaussian vector the lowest tenth's largest over the deviation of its components (Rayleigh).
 const LOWEST_TENTH: f32 = 0.459;
 /// Edges this near to a circle's rim, in radii and at least in pixels, are the circle's.
@@ -96,6 +99,16 @@ impl Votes {
             .extend(self.gradients.iter().map(|[.., length]| length));
         self.strong = self.length_of_rank(STRONG.min(self.lengths.len() - 1));
         self.least = (WEAK * self.strong).max(NOISE * noise);
+        // Of so many Rayleigh lengths the one of that rank.
+        let rare = self.lengths.len() as f32 / STRONG as f32;
+        if self.strong < NOTHING_BUT_NOISE * noise * (2.0 * rare.max(1.0).ln()).sqrt() {
+            self.strong = 0.0;
+        }
+    }
+
+    /// Whether there is no edge.
+    pub fn is_bare(&self) -> bool {
+        self.strong <= 0.0
     }
 
     /// Casts the votes of all edges for centers at these distances: uphill of edges (`sign` 1, balls brighter than what
@@ -103,10 +116,10 @@ impl Votes {
     pub fn cast(&mut self, radii: RangeInclusive<usize>, sign: f64) {
         self.counts.clear();
         self.counts.resize(self.width * self.height, 0.0);
-        let strong = self.strong;
-        if strong <= 0.0 {
+        if self.is_bare() {
             return;
         }
+        let strong = self.strong;
         for v in 0..self.height {
             for u in 0..self.width {
                 let [x, y, length] = self.gradients[v * self.width + u];
@@ -116,31 +129,39 @@ impl Votes {
                 let weight = length.min(strong);
                 let (x, y) = (x / length, y / length);
                 if sign >= 0.0 {
-                    self.vote(radii.clone(), [u as f32, v as f32], [x, y], weight);
+                    self.vote(radii.clone(), [u, v], [x, y], weight);
                 }
                 if sign <= 0.0 {
-                    self.vote(radii.clone(), [u as f32, v as f32], [-x, -y], weight);
+                    self.vote(radii.clone(), [u, v], [-x, -y], weight);
                 }
             }
         }
     }
 
-    /// Votes for all centers in a direction from a pixel.
+    /// Votes for all centers in a direction from a pixel: those at the pixels nearest to the places, which are counted in parts of a pixel.
     fn vote(
         &mut self,
         radii: RangeInclusive<usize>,
-        [u, v]: [f32; 2],
+        [u, v]: [usize; 2],
         [x, y]: [f32; 2],
         weight: f32,
     ) {
+        const PARTS: f32 = 65_536.0;
+        let step = [x, y].map(|x| (x * PARTS) as i32);
+        let half = 1 << 15;
+        let at = |radius: usize| {
+            let at = |from: usize, step: i32| {
+                (((from as i32) << 16) + half + radius as i32 * step) >> 16
+            };
+            [at(u, step[0]), at(v, step[1])]
+        };
+        let is_inside = |[u, v]: [i32; 2]| (u as usize) < self.width && (v as usize) < self.height;
+        let ends = [*radii.start(), *radii.end()];
+        let are_inside = ends.into_iter().all(|radius| is_inside(at(radius)));
         for radius in radii {
-            // Half a pixel on, and cut: the nearest pixel.
-            let at_u = u + radius as f32 * x + 0.5;
-            let at_v = v + radius as f32 * y + 0.5;
-            let inside =
-                at_u >= 0.0 && at_v >= 0.0 && at_u < self.width as f32 && at_v < self.height as f32;
-            if inside {
-                self.counts[at_v as usize * self.width + at_u as usize] += weight;
+            let place = at(radius);
+            if are_inside || is_inside(place) {
+                self.counts[place[1] as usize * self.width + place[0] as usize] += weight;
             }
         }
     }
@@ -178,15 +199,21 @@ impl Votes {
 
     /// The centers with most votes, at most `count` of them, best first.
     pub fn strongest(&mut self, count: usize, into: &mut Vec<Center>) {
-        self.smooth();
         into.clear();
-        let most = self.smooth.iter().copied().fold(0.0, f32::max);
-        let (width, height) = (self.width as isize, self.height as isize);
-        for v in 0..height {
-            for u in 0..width {
-                let votes = self.smooth[(v * width + u) as usize];
-                // A center with less than a third of the best one's votes is no rival of it.
-                if votes <= most / 3.0 || !self.is_peak(u, v, votes) {
+        if self.is_bare() {
+            return;
+        }
+        self.smooth();
+        let most = largest(&self.smooth);
+        // A center with less than a third of the best one's votes is no rival of it.
+        let least = most / 3.0;
+        for v in 0..self.height {
+            let row = &self.smooth[v * self.width..][..self.width];
+            if largest(row) <= least {
+                continue;
+            }
+            for (u, &votes) in row.iter().enumerate() {
+                if votes <= least || !self.is_peak(u as isize, v as isize, votes) {
                     continue;
                 }
                 let at = into.partition_point(|c| c.votes >= votes);
@@ -225,9 +252,16 @@ impl Votes {
         let (width, height) = (self.width, self.height);
         self.threes.clear();
         for row in self.counts.chunks_exact(width) {
-            let at = |u: usize| row.get(u).copied().unwrap_or(0.0);
-            self.threes
-                .extend((0..width).map(|u| at(u.wrapping_sub(1)) + at(u) + at(u + 1)));
+            let from = self.threes.len();
+            self.threes.extend_from_slice(row);
+            let sums = &mut self.threes[from..];
+            // In this order: sums are those of neighbors from the left to the right.
+            for (sum, before) in sums[1..].iter_mut().zip(row) {
+                *sum += before;
+            }
+            for (sum, behind) in sums.iter_mut().zip(&row[1..]) {
+                *sum += behind;
+            }
         }
         self.smooth.clear();
         for v in 0..height {
@@ -244,4 +278,17 @@ impl Votes {
             }
         }
     }
+}
+
+/// The largest of numbers from 0 on.
+fn largest(numbers: &[f32]) -> f32 {
+    let larger = |a: f32, b: f32| if b > a { b } else { a };
+    let (blocks, rest) = numbers.as_chunks::<16>();
+    let mut most = [0.0; 16];
+    for block in blocks {
+        for (most, x) in most.iter_mut().zip(block) {
+            *most = larger(*most, *x);
+        }
+    }
+    most.iter().chain(rest).copied().fold(0.0, larger)
 }

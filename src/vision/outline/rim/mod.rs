@@ -22,9 +22,10 @@ mod sector;
 
 use std::f64::consts::TAU;
 
+use fearless_simd::Level;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
-use self::sector::{LEAST_VARIANCE, Place, RimPixel, Sector, place, sector_at};
+use self::sector::{LEAST_VARIANCE, Place, RimPixels, Sector, place, sector_at, sector_of};
 use crate::fit::{Student, Sums};
 use crate::geometry::Vec3;
 use crate::vision::dots::cap::{CapShape, Tone};
@@ -40,8 +41,6 @@ const SECTORS: usize = 32;
 const READ: ([f64; 2], [f64; 2]) = ([3.0, 1.5], [1.2, 2.5]);
 /// Of larger balls every second, third, ... pixel is read, so that there are about so many.
 const MANY_PIXELS: f64 = 3000.0;
-/// Capacity for pixels beforehand.
-const EXPECTED_PIXELS: usize = 4096;
 /// Maximum change of the outline, pixels.
 const MAX_CHANGE: f64 = 1.5;
 /// After a larger one it is fitted again about the changed outline, pixels.
@@ -60,21 +59,19 @@ const BENDS: [f64; 3] = [0.0, 0.5, 1.0];
 const MIN_BEND_ERROR: f64 = 0.1;
 /// All pixels count as so many where they say how the curve bends.
 const INDEPENDENT: f64 = 200.0;
-/// Added to a curve's slope where a pixel is weighed: a small slope is not known well.
-const SOFT_SLOPE: f64 = 0.1;
-/// The least slope of a curve whose likelihood is compared with another's.
-const LEAST_SLOPE: f64 = 0.02;
-
 /// Fits outlines; keeps its memory.
 #[derive(Debug)]
 pub(crate) struct RimFitter {
-    pixels: Vec<RimPixel>,
+    level: Level,
+    /// By sector.
+    pixels: [RimPixels; SECTORS],
 }
 
 impl Default for RimFitter {
     fn default() -> Self {
         Self {
-            pixels: Vec::with_capacity(EXPECTED_PIXELS),
+            level: Level::new(),
+            pixels: Default::default(),
         }
     }
 }
@@ -154,12 +151,18 @@ impl RimFitter {
         let mut fits = [None; BENDS.len()];
         for ((bend, cost), fit) in BENDS.into_iter().zip(&mut costs).zip(&mut fits) {
             (*fit, *cost) = self.fit_at(&sectors, shape.blur, bend);
+            *cost += self
+                .pixels
+                .iter()
+                .map(|p| p.density_cost(bend))
+                .sum::<f64>();
         }
         let [Some(line), Some(middle), Some(root)] = fits else {
             return self.fit_at(&sectors, shape.blur, shape.tone.bend).0;
         };
         // Neighbors share blur, and what is behind the ball is not even.
-        let share = (INDEPENDENT / self.pixels.len() as f64).min(1.0);
+        let count: usize = self.pixels.iter().map(|p| p.count).sum();
+        let share = (INDEPENDENT / count as f64).min(1.0);
         let (bend, variance) = bend(&costs.map(|cost| share * cost), &shape.tone);
         // The parabola through the three.
         let by = [
@@ -185,35 +188,20 @@ impl RimFitter {
             *sector = sector_at(pixels.view, TAU * (k as f64 + 0.5) / SECTORS as f64)?;
         }
         self.read(pixels, &sectors, shape);
-        self.pixels.sort_unstable_by_key(|p| p.sector);
         Some(sectors)
     }
 
-    /// Fits the pixels read, whose tone curve has this bend; also minus two log-likelihoods of the pixels of all sectors, each with a
+    /// Fits the pixels read, whose tone curve has this bend; also minus two log-likelihoods of the lights of all sectors, each with a
     /// noise of its own.
-    fn fit_at(
-        &mut self,
-        sectors: &[Sector; SECTORS],
-        blur: f64,
-        bend: f64,
-    ) -> (Option<RimFit>, f64) {
-        let tone = Tone {
-            bend,
-            variance: 0.0,
-        };
+    fn fit_at(&self, sectors: &[Sector; SECTORS], blur: f64, bend: f64) -> (Option<RimFit>, f64) {
         let mut cost = 0.0;
-        for pixel in &mut self.pixels {
-            let (light, slope) = tone.light_and_slope(pixel.value);
-            let soft = slope + SOFT_SLOPE;
-            (pixel.light, pixel.weight) = (light, soft.powi(-2));
-            // The noise is the values': their density is the light's times the slope.
-            cost += 2.0 * (soft / slope.max(LEAST_SLOPE)).ln();
-        }
         let mut places: [Place; SECTORS] = [None; SECTORS];
-        for part in self.pixels.chunk_by(|a, b| a.sector == b.sector) {
-            let (found, squares) = place(part, blur);
-            places[part[0].sector] = found;
-            cost += part.len() as f64 * (squares / part.len() as f64).max(LEAST_VARIANCE).ln();
+        let occupied = self.pixels.iter().zip(&mut places);
+        for (part, found) in occupied.filter(|(part, _)| part.count > 0) {
+            let count = part.count as f64;
+            let (at, squares) = place(self.level, part, blur, bend);
+            *found = at;
+            cost += count * (squares / count).max(LEAST_VARIANCE).ln();
         }
         (outline(sectors, &places), cost)
     }
@@ -224,39 +212,33 @@ impl RimFitter {
         let [inner, outer] = [0, 1].map(|k| depths[k] + blurs[k] * shape.blur);
         let circle = view.circle();
         let stride = (TAU * circle.radius * (inner + outer) / MANY_PIXELS).ceil() as usize;
+        let stride = stride.max(1);
         // An ellipse's longer half axis.
         let longest = circle.radius / (1.0 - circle.eccentricity.norm_squared()).sqrt();
-        let range = (circle.radius - inner - 2.0).max(0.0)..longest + outer + 2.0;
-        let squared = range.start * range.start..range.end * range.end;
-        let side = |center: f64, count: usize| {
-            let from = (center - range.end).max(1.0) as usize;
-            from..((center + range.end).max(0.0) as usize).min(count - 1)
-        };
+        let ring = [
+            (circle.radius - inner - 2.0).max(0.0),
+            longest + outer + 2.0,
+        ];
         let middle = grid.pixel_to_part(circle.center);
-        let rows = side(middle.v, gray.height());
-        let columns = side(middle.u, gray.width());
-        let stride = stride.max(1);
-        self.pixels.clear();
-        for v in rows {
+        // From the first to the last of so many that lie within `side` of the middle.
+        let near = |middle: f64, side: f64, count: usize| {
+            let end = (middle + side + 1.0).clamp(0.0, count as f64 - 1.0);
+            (middle - side).ceil().max(1.0) as usize..end as usize
+        };
+        self.pixels.iter_mut().for_each(RimPixels::clear);
+        for v in near(middle.v, ring[1], gray.height()) {
             let row = gray.row(v, 0, gray.width());
-            for u in columns.clone().filter(|u| (u + v) % stride == 0) {
-                let at = pixels.place(u, v);
-                let off = (at.u - circle.center.u).powi(2) + (at.v - circle.center.v).powi(2);
-                if !squared.contains(&off) {
+            let off = (v as f64 - middle.v).powi(2);
+            let [hole, end] = ring.map(|radius| (radius * radius - off).max(0.0).sqrt());
+            for u in near(middle.u, end, gray.width()) {
+                if (u as f64 - middle.u).abs() < hole || (u + v) % stride != 0 {
                     continue;
                 }
-                let aside = view.aside(at);
-                let turn = aside.y.atan2(aside.x).rem_euclid(TAU) / TAU;
-                let sector = ((turn * SECTORS as f64) as usize).min(SECTORS - 1);
+                let aside = view.aside(pixels.place(u, v));
+                let sector = sector_of(&aside);
                 let within = (1.0 - aside.norm()) / sectors[sector].scale;
                 if (-outer..=inner).contains(&within) {
-                    self.pixels.push(RimPixel {
-                        sector,
-                        within,
-                        value: f64::from(row[u]),
-                        light: 0.0,
-                        weight: 0.0,
-                    });
+                    self.pixels[sector].push(within, f64::from(row[u]));
                 }
             }
         }

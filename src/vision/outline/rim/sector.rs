@@ -2,12 +2,14 @@
 
 use std::sync::LazyLock;
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f64x4};
 use nalgebra::{SVector, Vector2};
 
-use super::MAX_CHANGE;
-use crate::fit::Sums;
+use super::{MAX_CHANGE, SECTORS};
+use crate::fit::{LANES, LaneSums, Sums, normal_cdf_and_density};
 use crate::geometry::Vec3;
-use crate::stats::normal_cdf_and_density;
+use crate::stats;
 use crate::vision::optics::camera::{BallView, Pixel};
 
 /// Fewer pixels say nothing of a sector.
@@ -25,16 +27,107 @@ pub(super) const LEAST_VARIANCE: f64 = 1e-8;
 /// Background, step, shading, place and blur.
 pub(super) const UNKNOWNS: usize = 5;
 
-/// A pixel near the rim.
+/// Added to the tone curve's slope where a pixel is weighed: a small slope is not known well.
+const SOFT_SLOPE: f64 = 0.1;
+/// The least slope of a curve whose likelihood is compared with another's.
+const LEAST_SLOPE: f64 = 0.02;
+/// Capacity for fours of pixels beforehand.
+const EXPECTED_FOURS: usize = 48;
+
+/// The pixels near a sector's rim.
+#[derive(Debug)]
+pub(super) struct RimPixels {
+    fours: Vec<RimFour>,
+    pub(super) count: usize,
+}
+
+/// Four of them.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct RimPixel {
-    pub(super) sector: usize,
+struct RimFour {
     /// Pixels within the outline.
-    pub(super) within: f64,
-    pub(super) value: f64,
-    /// By the tone curve in hand.
-    pub(super) light: f64,
-    pub(super) weight: f64,
+    within: [f64; LANES],
+    value: [f64; LANES],
+    /// 1 for each, 0 where a lane is empty.
+    counts: [f64; LANES],
+}
+
+impl Default for RimPixels {
+    fn default() -> Self {
+        Self {
+            fours: Vec::with_capacity(EXPECTED_FOURS),
+            count: 0,
+        }
+    }
+}
+
+impl RimPixels {
+    pub(super) fn clear(&mut self) {
+        self.fours.clear();
+        self.count = 0;
+    }
+
+    /// Adds a pixel so many pixels within the outline.
+    pub(super) fn push(&mut self, within: f64, value: f64) {
+        let lane = self.count % LANES;
+        if lane == 0 {
+            self.fours.push(RimFour {
+                within: [within; LANES],
+                value: [value; LANES],
+                counts: [0.0; LANES],
+            });
+        }
+        if let Some(four) = self.fours.last_mut() {
+            (four.within[lane], four.value[lane], four.counts[lane]) = (within, value, 1.0);
+        }
+        self.count += 1;
+    }
+
+    /// Minus two ln of how much larger the values' density is than that of their lights, as they are weighed: the noise is the values'.
+    pub(super) fn density_cost(&self, bend: f64) -> f64 {
+        let cost = |four: &RimFour| {
+            let ratio = |lane: usize| {
+                let slope = 1.0 - bend + 2.0 * bend * four.value[lane];
+                1.0 + four.counts[lane] * ((slope + SOFT_SLOPE) / slope.max(LEAST_SLOPE) - 1.0)
+            };
+            2.0 * (0..LANES).map(ratio).product::<f64>().ln()
+        };
+        self.fours.iter().map(cost).sum()
+    }
+}
+
+impl RimFour {
+    /// Lights and weights of the pixels where the tone curve has this bend.
+    #[inline(always)]
+    fn light_and_weight<S: Simd>(&self, simd: S, bend: f64) -> [f64x4<S>; 2] {
+        let value = f64x4::simd_from(simd, self.value);
+        let soft = value * (2.0 * bend) + (1.0 - bend + SOFT_SLOPE);
+        let weight = f64x4::simd_from(simd, self.counts) / (soft * soft);
+        [(value * bend + (1.0 - bend)) * value, weight]
+    }
+}
+
+/// Tangents of the sectors' borders in an octant.
+const BORDERS: [f64; 3] = [
+    0.198_912_367_379_658,
+    0.414_213_562_373_095,
+    0.668_178_637_919_299,
+];
+const _: () = assert!(SECTORS == 8 * (BORDERS.len() + 1));
+
+/// The sector of a place of the view frame.
+pub(super) fn sector_of(at: &Vector2<f64>) -> usize {
+    let (quadrant, x, y) = match (at.x > 0.0, at.y >= 0.0) {
+        (true, true) => (0, at.x, at.y),
+        (false, true) => (1, at.y, -at.x),
+        (false, false) => (2, -at.x, -at.y),
+        (true, false) => (3, -at.y, at.x),
+    };
+    let passed = |x: f64, y: f64| BORDERS.iter().filter(|b| y >= *b * x).count();
+    let within = match y <= x {
+        true => passed(x, y),
+        false => SECTORS / 4 - 1 - passed(y, x),
+    };
+    quadrant * (SECTORS / 4) + within
 }
 
 /// A piece of the rim.
@@ -86,30 +179,49 @@ pub(super) struct Profile {
 }
 
 impl Profile {
-    /// The light of a pixel, and its derivatives.
-    pub(super) fn shown(&self, pixel: &RimPixel) -> (f64, [f64; UNKNOWNS]) {
+    /// The light of pixels, and its derivatives.
+    #[inline(always)]
+    fn shown<S: Simd>(&self, within: f64x4<S>) -> (f64x4<S>, [f64x4<S>; UNKNOWNS]) {
         let [behind, step, shading] = self.light;
-        let depth = (pixel.within + self.at) / self.blur;
-        let (covered, density) = normal_cdf_and_density(depth.clamp(-6.0, 6.0));
-        let (root, by_depth) = blurred_root(depth);
+        let depth = (within + self.at) / self.blur;
+        let [covered, density] = normal_cdf_and_density(depth);
         let unit = self.blur.sqrt();
-        let root = root * unit;
-        let by_depth = step * density + shading * by_depth * unit;
-        let by_blur = (0.5 * shading * root - by_depth * depth) / self.blur;
-        let by = [1.0, covered, root, by_depth / self.blur, by_blur];
-        (behind + step * covered + shading * root, by)
+        let [root, by_depth] = blurred_roots(depth.into());
+        let root = f64x4::simd_from(depth.simd, root) * unit;
+        let by_depth = density * step + f64x4::simd_from(depth.simd, by_depth) * (shading * unit);
+        let by_blur = (root * (0.5 * shading) - by_depth * depth) / self.blur;
+        let one = f64x4::splat(depth.simd, 1.0);
+        let by = [one, covered, root, by_depth / self.blur, by_blur];
+        (covered * step + root * shading + behind, by)
     }
 }
 
-/// Where the rim is in a sector, and the weighted squares that its light leaves.
-pub(super) fn place(pixels: &[RimPixel], blur: f64) -> (Place, f64) {
+/// The sums over a sector's pixels.
+#[inline(always)]
+pub(super) fn sums<S: Simd>(
+    simd: S,
+    pixels: &RimPixels,
+    profile: &Profile,
+    bend: f64,
+) -> Sums<UNKNOWNS> {
+    let mut sums = LaneSums::new(simd);
+    for four in &pixels.fours {
+        let [light, weight] = four.light_and_weight(simd, bend);
+        let (shown, by) = profile.shown(f64x4::simd_from(simd, four.within));
+        sums.add(&by, light - shown, weight);
+    }
+    sums.total()
+}
+
+/// Where the rim is in a sector whose pixels' tone curve has this bend, and the weighted squares that its light leaves.
+pub(super) fn place(level: Level, pixels: &RimPixels, blur: f64, bend: f64) -> (Place, f64) {
     let mut squares = 0.0;
-    let found = place_with(pixels, blur, &mut squares);
+    let found = place_with(level, pixels, blur, bend, &mut squares);
     (found, squares)
 }
 
-pub(super) fn place_with(pixels: &[RimPixel], blur: f64, squares: &mut f64) -> Place {
-    if pixels.len() < MIN_PIXELS {
+fn place_with(level: Level, pixels: &RimPixels, blur: f64, bend: f64, squares: &mut f64) -> Place {
+    if pixels.count < MIN_PIXELS {
         return None;
     }
     let mut profile = Profile {
@@ -119,13 +231,9 @@ pub(super) fn place_with(pixels: &[RimPixel], blur: f64, squares: &mut f64) -> P
     };
     let mut last = None;
     for round in 0..=STEPS {
-        let mut sums = Sums::<UNKNOWNS>::default();
-        for pixel in pixels {
-            let (shown, by) = profile.shown(pixel);
-            sums.add(&by, pixel.light - shown, pixel.weight);
-        }
+        let sums = dispatch!(level, simd => sums(simd, pixels, &profile, bend));
         *squares = sums.squares;
-        let variance = (sums.squares / (pixels.len() - UNKNOWNS) as f64).max(LEAST_VARIANCE);
+        let variance = (sums.squares / (pixels.count - UNKNOWNS) as f64).max(LEAST_VARIANCE);
         let mut information = sums.symmetric();
         let mut gradient = SVector::from(sums.gradient);
         if round == 0 {
@@ -133,7 +241,7 @@ pub(super) fn place_with(pixels: &[RimPixel], blur: f64, squares: &mut f64) -> P
             (3..UNKNOWNS).for_each(|k| information[(k, k)] += 1e9 * sums.weights);
         }
         // Shading is weakly bound: where it is not seen it is none.
-        information[(2, 2)] += 1e-3 * sums.weights / pixels.len() as f64;
+        information[(2, 2)] += 1e-3 * sums.weights / pixels.count as f64;
         let known = variance / (BLUR_SPREAD * blur).powi(2);
         information[(4, 4)] += known;
         gradient[4] += known * (blur - profile.blur);
@@ -162,23 +270,48 @@ pub(super) static ROOTS: LazyLock<[f64; TABLE.2]> = LazyLock::new(|| {
         let x = TABLE.0 + TABLE.1 * k as f64;
         let terms = (-500..=500).map(|i| {
             let n = 0.01 * f64::from(i);
-            (x + n).max(0.0).sqrt() * normal_cdf_and_density(n).1 * 0.01
+            (x + n).max(0.0).sqrt() * stats::normal_cdf_and_density(n).1 * 0.01
         });
         terms.sum()
     })
 });
 
-/// `E sqrt(max(0, x + n))` and its derivative.
-pub(super) fn blurred_root(x: f64) -> (f64, f64) {
-    let at = (x - TABLE.0) / TABLE.1;
-    if at < 0.0 {
-        return (0.0, 0.0);
+/// `E sqrt(max(0, x + n))` and its derivative, of each lane.
+fn blurred_roots(x: [f64; LANES]) -> [[f64; LANES]; 2] {
+    let roots: &[f64; TABLE.2] = &ROOTS;
+    let mut found = [[0.0; LANES]; 2];
+    for (lane, x) in x.into_iter().enumerate() {
+        let at = (x - TABLE.0) / TABLE.1;
+        let k = at.max(0.0) as usize;
+        let [root, by] = match roots.get(k..k + 2) {
+            _ if at < 0.0 => [0.0, 0.0],
+            Some(near) => {
+                let by = near[1] - near[0];
+                [near[0] + by * (at - k as f64), by / TABLE.1]
+            }
+            None => {
+                let root = x.sqrt();
+                [root - 0.125 / (x * root), 0.5 / root]
+            }
+        };
+        (found[0][lane], found[1][lane]) = (root, by);
     }
-    let k = at as usize;
-    if k + 1 >= TABLE.2 {
-        let root = x.sqrt();
-        return (root - 0.125 / (x * root), 0.5 / root);
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    #[test]
+    fn sectors_are_those_of_the_angle() {
+        for k in 0..3600 {
+            let angle = TAU * (f64::from(k) + 0.3) / 3600.0;
+            let at = Vector2::new(angle.cos(), angle.sin()) * 1.3;
+            let expected = (angle / TAU * SECTORS as f64) as usize;
+            assert_eq!(sector_of(&at), expected, "{angle}");
+        }
     }
-    let by = ROOTS[k + 1] - ROOTS[k];
-    (ROOTS[k] + by * (at - k as f64), by / TABLE.1)
 }

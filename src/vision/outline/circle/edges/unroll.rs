@@ -5,6 +5,7 @@
 
 use std::f64::consts::TAU;
 
+use fearless_simd::{Level, Simd, dispatch};
 use nalgebra::{Vector2, Vector3};
 
 use crate::image::GrayImage;
@@ -43,6 +44,7 @@ pub(super) struct Edge {
 /// Working memory.
 #[derive(Debug)]
 pub(crate) struct Unrolled {
+    level: Level,
     /// Where the rays begin.
     pub(super) origin: Vector2<f64>,
     pub(super) directions: OfRays<[f64; 2]>,
@@ -72,6 +74,7 @@ impl Default for Unrolled {
             .sum::<f64>()
             / FINE;
         Self {
+            level: Level::new(),
             origin: Vector2::zeros(),
             directions: std::array::from_fn(direction),
             kernel: std::array::from_fn(|k| (-weight(k) / norm) as f32),
@@ -86,6 +89,21 @@ impl Default for Unrolled {
 impl Unrolled {
     /// Finds the edges on all rays from a center (u, v, _) between two radii.
     pub(super) fn find_edges(
+        &mut self,
+        image: &GrayImage,
+        center: &Vector3<f64>,
+        range: (f64, f64),
+        sign: f64,
+    ) {
+        dispatch!(self.level, simd => simd.vectorize(
+            #[inline(always)]
+            || self.find_edges_now(image, center, range, sign)
+        ));
+    }
+
+    /// Compiled for each level.
+    #[inline(always)]
+    fn find_edges_now(
         &mut self,
         image: &GrayImage,
         center: &Vector3<f64>,
@@ -122,6 +140,7 @@ impl Unrolled {
     }
 
     /// Reads the samples of rays that do not leave the image.
+    #[inline(always)]
     fn read_inside(&mut self, image: &GrayImage, farthest: f64, begin: f64, count: usize) {
         // From a corner on, single precision has all the digits that a place needs.
         let [left, top] = [self.origin.x, self.origin.y].map(|x| (x - farthest) as usize);
@@ -164,6 +183,7 @@ impl Unrolled {
     }
 
     /// The slopes of the samples; 0 where the smoothing reaches beyond them.
+    #[inline(always)]
     fn find_slopes(&mut self, count: usize, sign: f64) {
         let kernel = self
             .kernel
@@ -184,6 +204,7 @@ impl Unrolled {
     }
 
     /// The strongest peaks of the slopes along each ray, between samples by a parabola.
+    #[inline(always)]
     fn find_peaks(&mut self, begin: f64, count: usize) {
         for k in 1..count.saturating_sub(1) {
             let [before, here, behind] = [k - 1, k, k + 1].map(|k| &self.slopes[k]);

@@ -38,7 +38,7 @@ impl Args {
     pub fn run(&self) -> Outcome {
         let pattern = Pattern::read_csv(DOTS20.as_ref())?;
         let pictures = self.pictures(&pattern)?;
-        println!("constant,factor,right,wrong,answered_without_ball,sum_of_errors_deg,pictures,cpu_s");
+        println!("constant,factor,right,wrong,others,sum_of_errors_deg,judged,cpu_s");
         self.show("none", 1.0, &pattern, &pictures)?;
         for (k, name) in NAMES.iter().enumerate() {
             if !name.contains(&self.only) {
