@@ -1,7 +1,9 @@
 """The page of what constants decide: `docs/measurements/constants.md`, by a sweep's file.
 
-    python studies/constants/table.py vision OUT.csv
-    python studies/constants/table.py calibrate OUT.csv
+    python studies/constants/table.py vision OUT.csv [OUT.csv ...]
+    python studies/constants/table.py calibrate OUT.csv [OUT.csv ...]
+
+Each file is compared with its own first row, where no constant is scaled; what stands in two is taken from the later one.
 """
 
 import csv
@@ -41,13 +43,15 @@ def words(counts: list[int], mean: float) -> str:
 
 
 def main() -> None:
-    with Path(sys.argv[2]).open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    base = rows[0]
-    by_name: dict[str, dict[float, dict[str, str]]] = {}
-    for row in rows:
-        if row["constant"] != "none":
-            by_name.setdefault(row["constant"], {})[float(row["factor"])] = row
+    base: dict[str, str] = {}
+    by_name: dict[str, dict[float, str]] = {}
+    for path in sys.argv[2:]:
+        with Path(path).open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        base = rows[0]
+        for row in rows:
+            if row["constant"] != "none":
+                by_name.setdefault(row["constant"], {})[float(row["factor"])] = words(*change(row, base))
     factors = sorted({f for runs in by_name.values() for f in runs})
     lines = [
         SUMMARY[ROOM].format(**base),
@@ -56,8 +60,8 @@ def main() -> None:
         "|---|---|" + "---|" * len(factors),
     ]
     same: list[str] = []
-    for name, runs in by_name.items():
-        cells = [words(*change(runs[f], base)) if f in runs else "-" for f in factors]
+    for name, runs in sorted(by_name.items()):
+        cells = [runs.get(f, "-") for f in factors]
         if all(cell == "=" for cell in cells):
             same.append(name)
             continue
