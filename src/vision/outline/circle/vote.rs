@@ -292,3 +292,59 @@ fn largest(numbers: &[f32]) -> f32 {
     }
     most.iter().chain(rest).copied().fold(0.0, larger)
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    use super::*;
+
+    /// Noise of deviation 1 about 0, with a disc of this brightness and a radius of 15 pixels in it.
+    fn noisy(disc: f32, seed: u64) -> GrayImage {
+        let rng = ChaCha8Rng::seed_from_u64(seed);
+        let noise: Vec<f32> = rng.sample_iter(StandardNormal).take(160 * 120).collect();
+        GrayImage::from_fn(160, 120, |u, v| {
+            let is_disc = (u as f64 - 70.3).hypot(v as f64 - 61.8) < 15.0;
+            noise[v * 160 + u] + if is_disc { disc } else { 0.0 }
+        })
+    }
+
+    #[test]
+    fn noise_alone_has_no_edge_and_a_disc_in_it_has_one() {
+        let mut votes = Votes::default();
+        let mut is_bare = |image: &GrayImage| {
+            votes.look(image, std::iter::empty());
+            votes.is_bare()
+        };
+        let bare = (0..50).filter(|seed| is_bare(&noisy(0.0, *seed))).count();
+        assert!(bare >= 48, "{bare} of 50");
+        let bare = (0..50).filter(|seed| is_bare(&noisy(5.0, *seed))).count();
+        assert!(bare == 0, "{bare} of 50");
+        assert!(is_bare(&GrayImage::from_fn(80, 60, |_, _| 0.3)));
+    }
+
+    /// Beside the border and far from it a vote falls where its place is rounded to.
+    #[test]
+    fn votes_fall_on_the_nearest_pixels() {
+        let mut votes = Votes::default();
+        (votes.width, votes.height) = (60, 50);
+        for (place, direction) in [
+            ([30, 25], [0.6f32, -0.8f32]),
+            ([3, 2], [-0.28, 0.96]),
+            ([58, 48], [0.8, -0.6]),
+        ] {
+            votes.counts = vec![0.0; 60 * 50];
+            votes.vote(10..=20, place, direction, 2.0);
+            let mut expected = vec![0.0; 60 * 50];
+            for radius in 10..=20 {
+                let at = [0, 1].map(|k| (place[k] as f32 + radius as f32 * direction[k]).round());
+                if (0.0..60.0).contains(&at[0]) && (0.0..50.0).contains(&at[1]) {
+                    expected[at[1] as usize * 60 + at[0] as usize] += 2.0;
+                }
+            }
+            assert_eq!(votes.counts, expected, "{place:?}");
+        }
+    }
+}
