@@ -89,18 +89,16 @@ impl Votes {
                 }
             }
         }
-        let stride = self.gradients.len().div_ceil(NOISE_PLACES);
+        let count = self.gradients.len();
+        let stride = count.div_ceil(NOISE_PLACES);
         let places = self.gradients.iter().step_by(stride);
         self.lengths.clear();
         self.lengths.extend(places.map(|[.., length]| length));
         let noise = self.length_of_rank(9 * self.lengths.len() / 10) / LOWEST_TENTH;
-        self.lengths.clear();
-        self.lengths
-            .extend(self.gradients.iter().map(|[.., length]| length));
-        self.strong = self.length_of_rank(STRONG.min(self.lengths.len() - 1));
+        self.strong = self.strong_length(stride);
         self.least = (WEAK * self.strong).max(NOISE * noise);
         // Of so many Rayleigh lengths the one of that rank.
-        let rare = self.lengths.len() as f32 / STRONG as f32;
+        let rare = count as f32 / STRONG as f32;
         if self.strong < NOTHING_BUT_NOISE * noise * (2.0 * rare.max(1.0).ln()).sqrt() {
             self.strong = 0.0;
         }
@@ -164,6 +162,23 @@ impl Votes {
                 self.counts[place[1] as usize * self.width + place[0] as usize] += weight;
             }
         }
+    }
+
+    /// The length of a strong gradient, by the lengths of every so many-th place.
+    fn strong_length(&mut self, stride: usize) -> f32 {
+        let rank = STRONG.min(self.gradients.len() - 1);
+        // About eight times as many are longer than that.
+        let among = (8 * STRONG / stride).clamp(4, 8 * STRONG);
+        let enough = self.length_of_rank(among.min(self.lengths.len() - 1));
+        let lengths = || self.gradients.iter().map(|[.., length]| *length);
+        self.lengths.clear();
+        self.lengths
+            .extend(lengths().filter(|length| *length >= enough));
+        if self.lengths.len() <= rank {
+            self.lengths.clear();
+            self.lengths.extend(lengths());
+        }
+        self.length_of_rank(rank)
     }
 
     /// The length of so many-th rank, the largest first.
@@ -323,6 +338,27 @@ mod tests {
         let bare = (0..50).filter(|seed| is_bare(&noisy(5.0, *seed))).count();
         assert!(bare == 0, "{bare} of 50");
         assert!(is_bare(&GrayImage::from_fn(80, 60, |_, _| 0.3)));
+    }
+
+    #[test]
+    fn a_strong_gradient_is_that_of_its_rank_among_all() {
+        for (side, disc) in [(6, 0.0), (40, 3.0), (160, 0.0), (400, 9.0)] {
+            let image = noisy(disc, side as u64);
+            let image = GrayImage::from_fn(side, side, |u, v| {
+                image.values()[v % 120 * 160 + u % 160] * if u < side / 2 { 0.1 } else { 1.0 }
+            });
+            let mut votes = Votes::default();
+            (votes.width, votes.height) = (side, side);
+            votes.find_gradients(&image);
+            for stride in [1, 7, 200] {
+                let every = votes.gradients.iter().step_by(stride);
+                votes.lengths = every.map(|[.., length]| *length).collect();
+                let found = votes.strong_length(stride);
+                let mut all: Vec<f32> = votes.gradients.iter().map(|g| g[2]).collect();
+                all.sort_by(|a, b| b.total_cmp(a));
+                assert_eq!(found, all[STRONG.min(all.len() - 1)], "{side} {stride}");
+            }
+        }
     }
 
     /// Beside the border and far from it a vote falls where its place is rounded to.
