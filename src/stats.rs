@@ -237,8 +237,7 @@ pub(crate) fn normal_reach(error: f64) -> f64 {
     high
 }
 
-/// Of the normal distribution's tail, over the density: a polynomial of `1 / (1 + scale |x|)`, highest power first, good to 1e-7 (M. Abramowitz,
-/// I. Stegun, "Handbook of mathematical functions", 1964, 26.2.17).
+/// Of the normal distribution's tail, over the density: a polynomial of `1 / (1 + scale |x|)`, highest power first.
 pub(crate) const TAIL: [f64; 5] = [
     1.330_274_429,
     -1.821_255_978,
@@ -248,7 +247,8 @@ pub(crate) const TAIL: [f64; 5] = [
 ];
 pub(crate) const TAIL_SCALE: f64 = 0.231_641_9;
 
-/// `P(N(0, 1) <= x)` to 1e-7, and the density at `x`, faster than the one alone to the last digit ([`TAIL`]).
+/// `P(N(0, 1) <= x)` to 1e-7, and the density at `x`, faster than the one alone to the last digit (M. Abramowitz, I. Stegun, "Handbook of
+/// mathematical functions", 1964, 26.2.17).
 pub fn normal_cdf_and_density(x: f64) -> (f64, f64) {
     let density = (-0.5 * x * x).exp() / std::f64::consts::TAU.sqrt();
     let t = 1.0 / (1.0 + TAIL_SCALE * x.abs());

@@ -36,10 +36,10 @@ impl<S: Simd, const N: usize> LaneSums<S, N> {
     /// Adds a pixel in each lane.
     #[inline(always)]
     pub fn add(&mut self, by: &[f64x4<S>; N], residual: f64x4<S>, weight: f64x4<S>) {
-        for k in 0..N {
+        for (k, row) in self.information.iter_mut().enumerate() {
             let weighted = weight * by[k];
-            for i in 0..=k {
-                self.information[k][i] += weighted * by[i];
+            for (cell, other) in row[..=k].iter_mut().zip(by) {
+                *cell += weighted * *other;
             }
             self.gradient[k] += weighted * residual;
         }
