@@ -13,38 +13,13 @@ use crate::stats::{TAIL, TAIL_SCALE};
 pub(crate) const LANES: usize = 4;
 
 /// [`Sums`] over pixels, each lane its own.
-pub(crate) struct LaneSums<S: Simd, const N: usize> {
-    information: [[f64x4<S>; N]; N],
-    gradient: [f64x4<S>; N],
-    squares: f64x4<S>,
-    weights: f64x4<S>,
-}
+pub(crate) type LaneSums<S, const N: usize> = Sums<N, f64x4<S>>;
 
 impl<S: Simd, const N: usize> LaneSums<S, N> {
     /// Of nothing.
     #[inline(always)]
     pub fn new(simd: S) -> Self {
-        let zero = f64x4::splat(simd, 0.0);
-        Self {
-            information: [[zero; N]; N],
-            gradient: [zero; N],
-            squares: zero,
-            weights: zero,
-        }
-    }
-
-    /// Adds a pixel in each lane.
-    #[inline(always)]
-    pub fn add(&mut self, by: &[f64x4<S>; N], residual: f64x4<S>, weight: f64x4<S>) {
-        for (k, row) in self.information.iter_mut().enumerate() {
-            let weighted = weight * by[k];
-            for (cell, other) in row[..=k].iter_mut().zip(by) {
-                *cell += weighted * *other;
-            }
-            self.gradient[k] += weighted * residual;
-        }
-        self.squares += weight * residual * residual;
-        self.weights += weight;
+        Self::from_zero(f64x4::splat(simd, 0.0))
     }
 
     /// The sums over all lanes.
@@ -52,13 +27,87 @@ impl<S: Simd, const N: usize> LaneSums<S, N> {
     pub fn total(&self) -> Sums<N> {
         let sum = |lanes: &f64x4<S>| lanes.as_slice().iter().sum::<f64>();
         Sums {
-            information: std::array::from_fn(|k| {
-                std::array::from_fn(|i| sum(&self.information[k][i]))
-            }),
-            gradient: std::array::from_fn(|k| sum(&self.gradient[k])),
+            information: self
+                .information
+                .each_ref()
+                .map(|row| row.each_ref().map(sum)),
+            gradient: self.gradient.each_ref().map(sum),
             squares: sum(&self.squares),
             weights: sum(&self.weights),
         }
+    }
+}
+
+/// Pixels by fours, with `K` numbers each.
+#[derive(Debug)]
+pub(crate) struct LanePixels<const K: usize> {
+    fours: Vec<FourPixels<K>>,
+    count: usize,
+}
+
+/// Four pixels, with `K` numbers each.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct FourPixels<const K: usize> {
+    pub numbers: [[f64; LANES]; K],
+    /// 1 for each, 0 where a lane is empty.
+    pub counts: [f64; LANES],
+}
+
+impl<const K: usize> FourPixels<K> {
+    /// One pixel, in all lanes that follow, too, so that these are finite.
+    pub fn one(numbers: &[f64; K]) -> Self {
+        let mut counts = [0.0; LANES];
+        counts[0] = 1.0;
+        Self {
+            numbers: numbers.map(|x| [x; LANES]),
+            counts,
+        }
+    }
+
+    /// A pixel in a lane.
+    pub fn set(&mut self, lane: usize, numbers: &[f64; K]) {
+        for (lanes, x) in self.numbers.iter_mut().zip(numbers) {
+            lanes[lane] = *x;
+        }
+        self.counts[lane] = 1.0;
+    }
+}
+
+impl<const K: usize> LanePixels<K> {
+    /// Room for as many.
+    pub fn with_capacity(pixels: usize) -> Self {
+        Self {
+            fours: Vec::with_capacity(pixels / LANES),
+            count: 0,
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.count
+    }
+
+    pub fn fours(&self) -> &[FourPixels<K>] {
+        &self.fours
+    }
+
+    /// The numbers of each pixel.
+    pub fn each(&self) -> impl Iterator<Item = [f64; K]> {
+        let of = |k: usize| self.fours[k / LANES].numbers.map(|lanes| lanes[k % LANES]);
+        (0..self.count).map(of)
+    }
+
+    pub fn clear(&mut self) {
+        self.fours.clear();
+        self.count = 0;
+    }
+
+    pub fn push(&mut self, numbers: &[f64; K]) {
+        let lane = self.count % LANES;
+        match self.fours.last_mut().filter(|_| lane > 0) {
+            Some(four) => four.set(lane, numbers),
+            None => self.fours.push(FourPixels::one(numbers)),
+        }
+        self.count += 1;
     }
 }
 

@@ -21,7 +21,7 @@ mod sums;
 
 pub(crate) use damping::{DampedDescent, Damping};
 #[cfg(feature = "vision")]
-pub(crate) use lanes::{LANES, LaneSums, normal_cdf_and_density};
+pub(crate) use lanes::{FourPixels, LANES, LanePixels, LaneSums, normal_cdf_and_density};
 pub(crate) use loss::{Student, biweight, weighted_sigma};
 pub(crate) use normal::Normal;
 pub(crate) use polynomial::Reweighting;

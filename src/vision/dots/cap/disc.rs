@@ -6,7 +6,7 @@ use nalgebra::{Matrix3x2, SVector, Vector2};
 
 use super::tone::{CapShape, Tone};
 use super::{SHAPE, UNKNOWNS};
-use crate::fit::{LANES, normal_cdf_and_density};
+use crate::fit::{FourPixels, LANES, normal_cdf_and_density};
 use crate::geometry::Vec3;
 use crate::vision::optics::camera::BallView;
 
@@ -18,51 +18,24 @@ pub(crate) const DARKEST: f64 = 1e-4;
 const THINNEST: f64 = 0.02;
 
 /// Four pixels: where their rays meet the sphere, and their values.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct CapPixels {
-    direction: [[f64; LANES]; 3],
-    value: [f64; LANES],
-    /// 1 for each, 0 where a lane is empty.
-    counts: [f64; LANES],
+pub(crate) type CapPixels = FourPixels<4>;
+
+/// A pixel's numbers.
+pub(super) fn cap_pixel(direction: &Vec3, value: f64) -> [f64; 4] {
+    [direction.x, direction.y, direction.z, value]
 }
 
 impl CapPixels {
-    /// One pixel, in all lanes that follow, too, so that these are finite.
-    pub fn one(direction: &Vec3, value: f64) -> Self {
-        let mut pixels = Self {
-            direction: [direction.x, direction.y, direction.z].map(|x| [x; LANES]),
-            value: [value; LANES],
-            counts: [0.0; LANES],
-        };
-        pixels.counts[0] = 1.0;
-        pixels
-    }
-
-    pub fn set(&mut self, lane: usize, direction: &Vec3, value: f64) {
-        for (k, axis) in self.direction.iter_mut().enumerate() {
-            axis[lane] = direction[k];
-        }
-        (self.value[lane], self.counts[lane]) = (value, 1.0);
-    }
-
-    /// Direction and value of each pixel.
-    pub fn each(&self) -> impl Iterator<Item = (Vec3, f64)> {
-        let count = self.counts.iter().filter(|c| **c > 0.0).count();
-        (0..count).map(|lane| {
-            let direction = Vec3::from_fn(|k, _| self.direction[k][lane]);
-            (direction, self.value[lane])
-        })
-    }
-
     /// The values, and 1 for each.
     #[inline(always)]
     pub fn values<S: Simd>(&self, simd: S) -> [f64x4<S>; 2] {
-        [self.value, self.counts].map(|lanes| f64x4::simd_from(simd, lanes))
+        [self.numbers[3], self.counts].map(|lanes| f64x4::simd_from(simd, lanes))
     }
 
     #[inline(always)]
     fn direction<S: Simd>(&self, simd: S) -> Lanes3<S> {
-        Lanes3(self.direction.map(|axis| f64x4::simd_from(simd, axis)))
+        let [x, y, z, _] = self.numbers;
+        Lanes3([x, y, z].map(|axis| f64x4::simd_from(simd, axis)))
     }
 }
 

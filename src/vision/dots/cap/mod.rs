@@ -25,9 +25,9 @@ mod tone;
 use fearless_simd::{Level, Simd, dispatch};
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SVector, Vector3};
 
-use self::disc::{CapPixels, DARKEST, Disc, DiscState};
+use self::disc::{CapPixels, DARKEST, Disc, DiscState, cap_pixel};
 pub(crate) use self::tone::{CapShape, Tone};
-use crate::fit::{LANES, LaneSums, Student, Sums};
+use crate::fit::{LANES, LanePixels, LaneSums, Student, Sums};
 use crate::geometry::{Vec3, tangent_frame};
 use crate::vision::optics::ball_pixels::BallPixels;
 use crate::vision::optics::camera::{BallView, Pixel};
@@ -115,10 +115,8 @@ pub struct DotBlur {
 #[derive(Debug)]
 pub(crate) struct CapFitter {
     level: Level,
-    /// The pixels of the dot, by fours.
-    pixels: Vec<CapPixels>,
-    /// How many they are.
-    count: usize,
+    /// The pixels of the dot.
+    pixels: LanePixels<4>,
     /// Where the last fit ended that found a cap.
     converged: Option<Converged>,
 }
@@ -136,8 +134,7 @@ impl Default for CapFitter {
     fn default() -> Self {
         Self {
             level: Level::new(),
-            pixels: Vec::with_capacity(EXPECTED_PIXELS / LANES),
-            count: 0,
+            pixels: LanePixels::with_capacity(EXPECTED_PIXELS),
             converged: None,
         }
     }
@@ -272,7 +269,6 @@ impl CapFitter {
             &tangent_frame(expected),
         )?;
         self.pixels.clear();
-        self.count = 0;
         let level = self.level;
         for v in top..=bottom {
             let row = gray.row(v, 0, gray.width());
@@ -288,9 +284,9 @@ impl CapFitter {
                 let Some(any) = directions.iter().flatten().next() else {
                     continue;
                 };
-                let mut four = CapPixels::one(any, 0.0);
+                let mut four = CapPixels::one(&cap_pixel(any, 0.0));
                 for (lane, direction) in directions.iter().enumerate() {
-                    four.set(lane, direction.as_ref().unwrap_or(any), 0.0);
+                    four.set(lane, &cap_pixel(direction.as_ref().unwrap_or(any), 0.0));
                 }
                 let [of_edge, of_surroundings] =
                     dispatch!(level, simd => disc.beyond(simd, &four, MARGIN.0));
@@ -302,29 +298,20 @@ impl CapFitter {
                     let is_even = u % stride == 0 && v % stride == 0;
                     let is_read = is_even || of_edge[lane].abs() <= margin;
                     if is_read && of_surroundings[lane] <= margin {
-                        self.push(direction, f64::from(row[u]));
+                        self.pixels.push(&cap_pixel(direction, f64::from(row[u])));
                     }
                 }
             }
         }
-        (self.count >= MIN_PIXELS).then_some(())
-    }
-
-    fn push(&mut self, direction: &Vec3, value: f64) {
-        let lane = self.count % LANES;
-        match self.pixels.last_mut().filter(|_| lane > 0) {
-            Some(four) => four.set(lane, direction, value),
-            None => self.pixels.push(CapPixels::one(direction, value)),
-        }
-        self.count += 1;
+        (self.pixels.len() >= MIN_PIXELS).then_some(())
     }
 
     /// Light and ink by the pixels within and without.
     fn start(&self, expected: &Vec3, shape: CapShape) -> DiscState {
         let bend = shape.tone.bend;
         let (mut inside, mut outside) = ([0.0, 0.0], [0.0, 0.0]);
-        for (direction, value) in self.pixels.iter().flat_map(CapPixels::each) {
-            let length = (direction - expected).norm() / shape.radius;
+        for [x, y, z, value] in self.pixels.each() {
+            let length = (Vec3::new(x, y, z) - expected).norm() / shape.radius;
             let sum = match length {
                 l if l < 0.7 => &mut inside,
                 l if l > 1.1 => &mut outside,
@@ -357,8 +344,8 @@ impl CapFitter {
             sums.information[k][k] += known;
             sums.gradient[k] += known * (expected - now);
         }
-        let free = self.count.saturating_sub(N);
-        let share = free as f64 / self.count as f64;
+        let free = self.pixels.len().saturating_sub(N);
+        let share = free as f64 / self.pixels.len() as f64;
         let variance = sums.squares / (sums.weights * share);
         (variance.is_finite() && free > 0).then(|| CapEquations {
             information: sums.symmetric(),
@@ -376,7 +363,7 @@ impl CapFitter {
         variance: Option<f64>,
     ) -> Sums<N> {
         let mut sums = LaneSums::new(simd);
-        for four in &self.pixels {
+        for four in self.pixels.fours() {
             let (shown, by) = state.shown(simd, disc, four);
             let [value, counts] = four.values(simd);
             let residual = value - shown;

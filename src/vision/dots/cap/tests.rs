@@ -107,7 +107,7 @@ fn derivatives_are_those_of_finite_differences() {
             v: at.v + dv,
         };
         let direction = view.direction(place).expect("a value");
-        let pixel = CapPixels::one(&direction, 0.0);
+        let pixel = CapPixels::one(&cap_pixel(&direction, 0.0));
         let (shown, by) = shown_by(&state, &disc, &pixel);
         for (k, by) in by.into_iter().enumerate() {
             let mut change = SVector::<f64, STRETCHED>::zeros();

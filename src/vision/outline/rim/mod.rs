@@ -25,7 +25,10 @@ use std::f64::consts::TAU;
 use fearless_simd::Level;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
-use self::sector::{LEAST_VARIANCE, Place, RimPixels, Sector, place, sector_at, sector_of};
+use self::sector::{
+    EXPECTED_PIXELS, LEAST_VARIANCE, Place, RimPixels, Sector, density_cost, place, sector_at,
+    sector_of,
+};
 use crate::fit::{Student, Sums};
 use crate::geometry::Vec3;
 use crate::vision::dots::cap::{CapShape, Tone};
@@ -71,7 +74,7 @@ impl Default for RimFitter {
     fn default() -> Self {
         Self {
             level: Level::new(),
-            pixels: Default::default(),
+            pixels: std::array::from_fn(|_| RimPixels::with_capacity(EXPECTED_PIXELS)),
         }
     }
 }
@@ -154,14 +157,14 @@ impl RimFitter {
             *cost += self
                 .pixels
                 .iter()
-                .map(|p| p.density_cost(bend))
+                .map(|p| density_cost(p, bend))
                 .sum::<f64>();
         }
         let [Some(line), Some(middle), Some(root)] = fits else {
             return self.fit_at(&sectors, shape.blur, shape.tone.bend).0;
         };
         // Neighbors share blur, and what is behind the ball is not even.
-        let count: usize = self.pixels.iter().map(|p| p.count).sum();
+        let count: usize = self.pixels.iter().map(RimPixels::len).sum();
         let share = (INDEPENDENT / count as f64).min(1.0);
         let (bend, variance) = bend(&costs.map(|cost| share * cost), &shape.tone);
         // The parabola through the three.
@@ -197,8 +200,8 @@ impl RimFitter {
         let mut cost = 0.0;
         let mut places: [Place; SECTORS] = [None; SECTORS];
         let occupied = self.pixels.iter().zip(&mut places);
-        for (part, found) in occupied.filter(|(part, _)| part.count > 0) {
-            let count = part.count as f64;
+        for (part, found) in occupied.filter(|(part, _)| part.len() > 0) {
+            let count = part.len() as f64;
             let (at, squares) = place(self.level, part, blur, bend);
             *found = at;
             cost += count * (squares / count).max(LEAST_VARIANCE).ln();
@@ -238,7 +241,7 @@ impl RimFitter {
                 let sector = sector_of(&aside);
                 let within = (1.0 - aside.norm()) / sectors[sector].scale;
                 if (-outer..=inner).contains(&within) {
-                    self.pixels[sector].push(within, f64::from(row[u]));
+                    self.pixels[sector].push(&[within, f64::from(row[u])]);
                 }
             }
         }

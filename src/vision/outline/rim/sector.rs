@@ -7,7 +7,7 @@ use fearless_simd::{Level, Simd, dispatch, f64x4};
 use nalgebra::{SVector, Vector2};
 
 use super::{MAX_CHANGE, SECTORS};
-use crate::fit::{LANES, LaneSums, Sums, normal_cdf_and_density};
+use crate::fit::{FourPixels, LANES, LanePixels, LaneSums, Sums, normal_cdf_and_density};
 use crate::geometry::Vec3;
 use crate::stats;
 use crate::vision::optics::camera::{BallView, Pixel};
@@ -31,79 +31,31 @@ pub(super) const UNKNOWNS: usize = 5;
 const SOFT_SLOPE: f64 = 0.1;
 /// The least slope of a curve whose likelihood is compared with another's.
 const LEAST_SLOPE: f64 = 0.02;
-/// Capacity for fours of pixels beforehand.
-const EXPECTED_FOURS: usize = 48;
+/// Capacity for pixels of a sector beforehand.
+pub(super) const EXPECTED_PIXELS: usize = 192;
 
-/// The pixels near a sector's rim.
-#[derive(Debug)]
-pub(super) struct RimPixels {
-    fours: Vec<RimFour>,
-    pub(super) count: usize,
-}
+/// The pixels near a sector's rim: how many pixels each lies within the outline, and its value.
+pub(super) type RimPixels = LanePixels<2>;
 
-/// Four of them.
-#[derive(Debug, Clone, Copy)]
-struct RimFour {
-    /// Pixels within the outline.
-    within: [f64; LANES],
-    value: [f64; LANES],
-    /// 1 for each, 0 where a lane is empty.
-    counts: [f64; LANES],
-}
-
-impl Default for RimPixels {
-    fn default() -> Self {
-        Self {
-            fours: Vec::with_capacity(EXPECTED_FOURS),
-            count: 0,
-        }
-    }
-}
-
-impl RimPixels {
-    pub(super) fn clear(&mut self) {
-        self.fours.clear();
-        self.count = 0;
-    }
-
-    /// Adds a pixel so many pixels within the outline.
-    pub(super) fn push(&mut self, within: f64, value: f64) {
-        let lane = self.count % LANES;
-        if lane == 0 {
-            self.fours.push(RimFour {
-                within: [within; LANES],
-                value: [value; LANES],
-                counts: [0.0; LANES],
-            });
-        }
-        if let Some(four) = self.fours.last_mut() {
-            (four.within[lane], four.value[lane], four.counts[lane]) = (within, value, 1.0);
-        }
-        self.count += 1;
-    }
-
-    /// Minus two ln of how much larger the values' density is than that of their lights, as they are weighed: the noise is the values'.
-    pub(super) fn density_cost(&self, bend: f64) -> f64 {
-        let cost = |four: &RimFour| {
-            let ratio = |lane: usize| {
-                let slope = 1.0 - bend + 2.0 * bend * four.value[lane];
-                1.0 + four.counts[lane] * ((slope + SOFT_SLOPE) / slope.max(LEAST_SLOPE) - 1.0)
-            };
-            2.0 * (0..LANES).map(ratio).product::<f64>().ln()
+/// Minus two ln of how much larger the density of a sector's values is than that of their lights, as they are weighed: the noise is the values'.
+pub(super) fn density_cost(pixels: &RimPixels, bend: f64) -> f64 {
+    let cost = |four: &FourPixels<2>| {
+        let ratio = |lane: usize| {
+            let slope = 1.0 - bend + 2.0 * bend * four.numbers[1][lane];
+            1.0 + four.counts[lane] * ((slope + SOFT_SLOPE) / slope.max(LEAST_SLOPE) - 1.0)
         };
-        self.fours.iter().map(cost).sum()
-    }
+        2.0 * (0..LANES).map(ratio).product::<f64>().ln()
+    };
+    pixels.fours().iter().map(cost).sum()
 }
 
-impl RimFour {
-    /// Lights and weights of the pixels where the tone curve has this bend.
-    #[inline(always)]
-    fn light_and_weight<S: Simd>(&self, simd: S, bend: f64) -> [f64x4<S>; 2] {
-        let value = f64x4::simd_from(simd, self.value);
-        let soft = value * (2.0 * bend) + (1.0 - bend + SOFT_SLOPE);
-        let weight = f64x4::simd_from(simd, self.counts) / (soft * soft);
-        [(value * bend + (1.0 - bend)) * value, weight]
-    }
+/// Lights and weights of pixels where the tone curve has this bend.
+#[inline(always)]
+fn light_and_weight<S: Simd>(simd: S, four: &FourPixels<2>, bend: f64) -> [f64x4<S>; 2] {
+    let value = f64x4::simd_from(simd, four.numbers[1]);
+    let soft = value * (2.0 * bend) + (1.0 - bend + SOFT_SLOPE);
+    let weight = f64x4::simd_from(simd, four.counts) / (soft * soft);
+    [(value * bend + (1.0 - bend)) * value, weight]
 }
 
 /// Tangents of the sectors' borders in an octant.
@@ -205,9 +157,9 @@ pub(super) fn sums<S: Simd>(
     bend: f64,
 ) -> Sums<UNKNOWNS> {
     let mut sums = LaneSums::new(simd);
-    for four in &pixels.fours {
-        let [light, weight] = four.light_and_weight(simd, bend);
-        let (shown, by) = profile.shown(f64x4::simd_from(simd, four.within));
+    for four in pixels.fours() {
+        let [light, weight] = light_and_weight(simd, four, bend);
+        let (shown, by) = profile.shown(f64x4::simd_from(simd, four.numbers[0]));
         sums.add(&by, light - shown, weight);
     }
     sums.total()
@@ -221,7 +173,7 @@ pub(super) fn place(level: Level, pixels: &RimPixels, blur: f64, bend: f64) -> (
 }
 
 fn place_with(level: Level, pixels: &RimPixels, blur: f64, bend: f64, squares: &mut f64) -> Place {
-    if pixels.count < MIN_PIXELS {
+    if pixels.len() < MIN_PIXELS {
         return None;
     }
     let mut profile = Profile {
@@ -233,7 +185,7 @@ fn place_with(level: Level, pixels: &RimPixels, blur: f64, bend: f64, squares: &
     for round in 0..=STEPS {
         let sums = dispatch!(level, simd => sums(simd, pixels, &profile, bend));
         *squares = sums.squares;
-        let variance = (sums.squares / (pixels.count - UNKNOWNS) as f64).max(LEAST_VARIANCE);
+        let variance = (sums.squares / (pixels.len() - UNKNOWNS) as f64).max(LEAST_VARIANCE);
         let mut information = sums.symmetric();
         let mut gradient = SVector::from(sums.gradient);
         if round == 0 {
@@ -241,7 +193,7 @@ fn place_with(level: Level, pixels: &RimPixels, blur: f64, bend: f64, squares: &
             (3..UNKNOWNS).for_each(|k| information[(k, k)] += 1e9 * sums.weights);
         }
         // Shading is weakly bound: where it is not seen it is none.
-        information[(2, 2)] += 1e-3 * sums.weights / pixels.count as f64;
+        information[(2, 2)] += 1e-3 * sums.weights / pixels.len() as f64;
         let known = variance / (BLUR_SPREAD * blur).powi(2);
         information[(4, 4)] += known;
         gradient[4] += known * (blur - profile.blur);
