@@ -25,14 +25,17 @@ use super::verdict::Scorer;
 use crate::error::{Result, require};
 use crate::image::{ImageView, Roi};
 use crate::vision::dots::detector::LIKELY_DOT;
-use crate::vision::estimator::propose::shrunk_level;
+use crate::vision::estimator::propose::VERY_LARGE;
 use crate::vision::estimator::search::is_evident;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection, Standing};
 use crate::vision::frame::prior::{Budget, OutlinePrior};
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::outline::circle::{BallFinder, BallFit, Polarity, WHOLE};
+use crate::vision::outline::place::level_of;
 
+/// Very large pictures are halved until they have no more pixels than this: all their edges would take too much memory.
+const MAX_SHRUNK: f64 = 1_100_000.0;
 /// Balls of a frame, at most, and circles that are tried.
 const MAX_BALLS: usize = 16;
 const MAX_TRIED: usize = 24;
@@ -331,8 +334,10 @@ impl BallsEstimator {
         while radii.0 / f64::from(2u32 << level) >= SMALLEST {
             level += 1;
         }
-        // All edges of a very large picture take too much memory in its own pixels.
-        let level = level.max(shrunk_level(&part));
+        let pixels = part.width * part.height;
+        if pixels > VERY_LARGE {
+            level = level.max(level_of((pixels as f64).sqrt(), MAX_SHRUNK.sqrt()));
+        }
         let side = f64::from(1u32 << level);
         let BallsWorkspace {
             finder,

@@ -31,7 +31,7 @@ use crate::image::{ImageView, Picture, RgbImage};
 use crate::source::files::{self, Source, SourceList};
 use crate::source::{Frame, SourceEnd};
 use crate::vision::estimator::Estimator;
-use crate::vision::estimator::propose::MAX_THOROUGH;
+use crate::vision::estimator::propose::VERY_LARGE;
 use crate::vision::frame::prior::Prior;
 
 /// Does a work on the frames of files, folders and videos.
@@ -368,7 +368,7 @@ impl<'a> Pass<'a> {
             return Ok(());
         }
         let image = picture.view()?;
-        let is_large = image.width() * image.height() > MAX_THOROUGH;
+        let is_large = image.width() * image.height() > VERY_LARGE;
         let alone = || self.large.lock().unwrap_or_else(PoisonError::into_inner);
         let _alone = is_large.then(alone);
         self.watcher.see(number, &*picture.to_rgb()?, balls)

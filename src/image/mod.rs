@@ -16,6 +16,8 @@ mod view;
 use std::path::Path;
 
 use ::image::{ImageFormat, imageops};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x8};
 
 pub use picture::{DEFAULT_MAX_PIXELS, Picture};
 pub use raw::{RawImage, RawPixel, RawSamples};
@@ -130,25 +132,16 @@ impl GrayImage {
 
     /// The median of 5 x 5 values about each value; the border repeats. Lines less than three values wide vanish.
     pub(crate) fn median_into(&self, out: &mut Self) {
+        let level = Level::new();
         out.fill_rows(self.width, self.height, |v, values| {
             let rows: [&[f32]; 5] = std::array::from_fn(|k| {
                 let row = (v + k).saturating_sub(2).min(self.height - 1);
                 self.row(row, 0, self.width)
             });
-            for left in (0..self.width).step_by(LANES) {
-                let near: [[f32; LANES]; 25] = std::array::from_fn(|k| {
-                    let (row, shift) = (rows[k / 5], k % 5);
-                    let inside = (left + shift)
-                        .checked_sub(2)
-                        .and_then(|at| row.get(at..)?.first_chunk());
-                    inside.copied().unwrap_or_else(|| {
-                        let at = |lane: usize| (left + lane + shift).saturating_sub(2);
-                        std::array::from_fn(|lane| row[at(lane).min(self.width - 1)])
-                    })
-                });
-                let medians = medians(near);
-                values.extend(&medians[..LANES.min(self.width - left)]);
-            }
+            dispatch!(level, simd => simd.vectorize(
+                #[inline(always)]
+                || median_row(simd, rows, values)
+            ));
         });
     }
 
@@ -161,10 +154,14 @@ impl GrayImage {
         for v in 0..out.height {
             let upper = &self.values[2 * v * self.width..][..self.width];
             let lower = &self.values[(2 * v + 1).min(self.height - 1) * self.width..][..self.width];
-            for u in 0..out.width {
-                let (a, b) = (2 * u, (2 * u + 1).min(self.width - 1));
-                let sum = upper[a] + upper[b] + lower[a] + lower[b];
-                out.values.push(0.25 * sum);
+            let (uppers, last_upper) = upper.as_chunks::<2>();
+            let (lowers, last_lower) = lower.as_chunks::<2>();
+            let both = uppers.iter().zip(lowers);
+            let means = both.map(|(a, b)| 0.25 * (a[0] + a[1] + b[0] + b[1]));
+            out.values.extend(means);
+            // A last column stands for its neighbor, too.
+            if let (&[a], &[b]) = (last_upper, last_lower) {
+                out.values.push(0.25 * (a + a + b + b));
             }
         }
     }
@@ -189,23 +186,46 @@ impl GrayImage {
 /// Values whose medians are found at once.
 const LANES: usize = 8;
 
+/// The medians of the 25 values about each of the middle one of five rows; beyond an end stands its own value.
+#[inline(always)]
+fn median_row<S: Simd>(simd: S, rows: [&[f32]; 5], into: &mut Vec<f32>) {
+    let width = rows[0].len();
+    for left in (0..width).step_by(LANES) {
+        let mut near = [f32x8::splat(simd, 0.0); 25];
+        for (k, values) in near.iter_mut().enumerate() {
+            let (row, shift) = (rows[k / 5], k % 5);
+            let mut copied = [0.0; LANES];
+            let inside = (left + shift).wrapping_sub(2);
+            match row.get(inside..inside.wrapping_add(LANES)) {
+                Some(inside) => copied.copy_from_slice(inside),
+                None => {
+                    for (lane, value) in copied.iter_mut().enumerate() {
+                        *value = row[(left + lane + shift).saturating_sub(2).min(width - 1)];
+                    }
+                }
+            }
+            *values = f32x8::simd_from(simd, copied);
+        }
+        let medians: [f32; LANES] = medians(near).into();
+        into.extend_from_slice(&medians[..LANES.min(width - left)]);
+    }
+}
+
 /// The median of 25 values in each lane: of more than half of them neither the least nor the greatest is the median; these two are
 /// dropped, another value is taken in, and so on.
-fn medians(mut values: [[f32; LANES]; 25]) -> [f32; LANES] {
+#[inline(always)]
+fn medians<S: Simd>(mut values: [f32x8<S>; 25]) -> f32x8<S> {
     // In hand are the values from `first` to the last of these.
     const LAST: usize = 13;
-    fn sort(values: &mut [[f32; LANES]; 25], low: usize, high: usize) {
-        let (a, b) = (values[low], values[high]);
-        for lane in 0..LANES {
-            values[low][lane] = if b[lane] < a[lane] { b[lane] } else { a[lane] };
-        }
-        for lane in 0..LANES {
-            values[high][lane] = if b[lane] < a[lane] { a[lane] } else { b[lane] };
-        }
-    }
     for first in 0..LAST - 1 {
-        (first + 1..=LAST).for_each(|k| sort(&mut values, first, k));
-        (first + 1..LAST).for_each(|k| sort(&mut values, k, LAST));
+        for k in first + 1..=LAST {
+            let (a, b) = (values[first], values[k]);
+            (values[first], values[k]) = (a.min(b), a.max(b));
+        }
+        for k in first + 1..LAST {
+            let (a, b) = (values[k], values[LAST]);
+            (values[k], values[LAST]) = (a.min(b), a.max(b));
+        }
         if let Some(next) = values.get(LAST + 1 + first) {
             values[LAST] = *next;
         }

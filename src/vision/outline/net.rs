@@ -134,31 +134,53 @@ pub struct CellFit {
     pub covariance: Matrix3<f64>,
 }
 
+/// A cell that is near the outline, in the patch's values; its place is relative to the patch's middle.
+#[derive(Debug, Clone, Copy, Default)]
+struct NearCell {
+    column: f64,
+    row: f64,
+    /// Signed distance to the outline.
+    distance: f64,
+    precision: f64,
+}
+
 /// The circle that fits a net's cells best; `None` where too few are near it.
 pub fn fit_cells(cells: &[f32]) -> Option<CellFit> {
     let area = CELLS * CELLS;
     let (distances, precisions) = cells.split_at(OutlineChannel::LnPrecision as usize * area);
+    let mut near = [NearCell::default(); CELLS * CELLS];
+    let mut count = 0;
+    for (cell, (d, ln)) in distances.iter().zip(precisions).enumerate() {
+        let distance = UNIT * f64::from(*d);
+        if distance.abs() <= REACH {
+            let precision = (2.0 * f64::from(ln.clamp(LN_RANGE[0], LN_RANGE[1]))).exp();
+            near[count] = NearCell {
+                column: cell_center(cell % CELLS) - MIDDLE,
+                row: cell_center(cell / CELLS) - MIDDLE,
+                distance,
+                precision: precision / (UNIT * UNIT),
+            };
+            count += 1;
+        }
+    }
     let mut circle = Vector3::new(0.0, 0.0, Framing::OUTLINE.radius);
     let mut covariance = None;
     for _ in 0..STEPS {
         let mut sums = Sums::<3>::default();
-        let mut near = 0;
-        for (cell, (d, ln)) in distances.iter().zip(precisions).enumerate() {
-            let column = cell_center(cell % CELLS) - MIDDLE - circle.x;
-            let row = cell_center(cell / CELLS) - MIDDLE - circle.y;
-            let out = column.hypot(row);
-            let d = UNIT * f64::from(*d);
-            if d.abs() > REACH || out < 1.0 {
+        let mut used = 0;
+        for cell in &near[..count] {
+            let (column, row) = (cell.column - circle.x, cell.row - circle.y);
+            let out = (column * column + row * row).sqrt();
+            if out < 1.0 {
                 continue;
             }
-            near += 1;
-            let precision = (2.0 * f64::from(ln.clamp(LN_RANGE[0], LN_RANGE[1]))).exp();
-            let precision = precision / (UNIT * UNIT);
-            let residual = out - circle.z - d;
+            used += 1;
+            let residual = out - circle.z - cell.distance;
+            let precision = cell.precision;
             let weight = precision * LOSS.weight(precision * residual * residual);
             sums.add(&[column / out, row / out, 1.0], residual, weight);
         }
-        if near < MIN_CELLS {
+        if used < MIN_CELLS {
             return None;
         }
         let information = sums.symmetric();

@@ -24,6 +24,9 @@ const LAST_REACH: f64 = 1.5;
 const TOLERANCE: f64 = 0.04;
 /// Minimum share of rays with an edge at a rough radius; what has less is not fitted.
 const WORTHWHILE: f64 = 0.3;
+/// Where less than this of the rays, each by Tukey's weight, is near the circle after the second of the fits, it is not fitted further. Of 36 000 fits to
+/// edges of whole pictures that ended with a support of 0.45 or more 0.2 % had less then, and 40 % of the others.
+const HOPELESS: (usize, f64) = (1, 0.4);
 /// The reach is at least this many standard deviations of the residuals.
 const TUKEY: f64 = 4.7;
 /// Edges on neighboring rays share their pixels: so many rays are worth one.
@@ -89,7 +92,7 @@ impl Unrolled {
             let sane = inside
                 && (circle.z / start.z).ln().abs() < 0.5
                 && (circle.xy() - start.xy()).norm() < 0.6 * start.z;
-            if !sane {
+            if !sane || (round == HOPELESS.0 && self.is_hopeless(&circle, reach)) {
                 return None;
             }
         }
@@ -102,6 +105,13 @@ impl Unrolled {
         let variance = CORRELATED * scatter * scatter + SYSTEMATIC * SYSTEMATIC;
         let covariance = information.try_inverse()? * variance;
         self.judge(image, &circle_parameters(&circle), covariance, polarity)
+    }
+
+    /// Whether too few rays have an edge near a circle.
+    fn is_hopeless(&self, circle: &Vector3<f64>, reach: f64) -> bool {
+        let near: f64 = self.sums::<3>(&circle_parameters(circle), reach).1;
+        let seen = self.reaches.iter().filter(|r| **r > circle.z).count();
+        near < HOPELESS.1 * seen as f64
     }
 
     /// One reweighted step; the new circle, the residuals' standard deviation, and the sum of `w J^T J` with the weights'

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use self::kept::{score, sort_by_completeness};
 use super::edges::Unrolled;
-use super::vote::{self, Center, Votes};
+use super::vote::{self, Ballot, Center, Votes};
 use super::{BallFit, CircleConfig, NoBall, Polarity};
 use crate::image::{GrayImage, RgbImage};
 use crate::vision::optics::camera::{BallCircle, Pixel};
@@ -49,6 +49,8 @@ pub struct BallFinder {
     contrast: GrayImage,
     has_contrast: bool,
     votes: Votes,
+    /// Votes of either sign, of each size.
+    ballots: Vec<Ballot>,
     centers: Vec<Center>,
     unrolled: Unrolled,
     found: Vec<BallFit>,
@@ -291,10 +293,22 @@ impl BallFinder {
             }
             let halves = &self.halves;
             let small = level.checked_sub(1).map_or(image, |k| &halves[k]);
-            self.votes.look(small, std::iter::empty());
+            let width = small.width();
+            if polarities != [Polarity::Mixed] {
+                self.votes.look(small, std::iter::empty());
+            }
             for &polarity in polarities {
-                let votes = &mut self.votes;
-                votes.cast(vote::MIN..=vote::MAX, polarity.sign());
+                let (votes, ballot) = (&mut self.votes, &mut self.ballots[level]);
+                if polarity == Polarity::Mixed {
+                    votes.take_up(ballot, width);
+                } else {
+                    votes.cast(vote::MIN..=vote::MAX, polarity.sign());
+                }
+                match polarity {
+                    Polarity::Brighter => ballot.begin(votes),
+                    Polarity::Darker => ballot.add(votes),
+                    Polarity::Mixed => {}
+                }
                 votes.strongest(count, &mut self.centers);
                 for k in 0..self.centers.len() {
                     let center = self.centers[k];
@@ -330,6 +344,12 @@ impl BallFinder {
     /// Reserves capacity for whatever a search of an image of this size may meet.
     fn reserve(&mut self, image: &GrayImage) {
         self.votes.reserve(image.values().len());
+        if self.ballots.len() <= self.levels {
+            self.ballots.resize_with(self.levels + 1, Ballot::default);
+        }
+        for (level, ballot) in self.ballots.iter_mut().enumerate() {
+            ballot.reserve(((image.width() >> level) + 1) * ((image.height() >> level) + 1));
+        }
         // Every center of every size and polarity may give a circle, in gray and in color.
         let circles = 2 * 3 * CENTERS.1 * (self.levels + 1);
         let circles = circles.saturating_sub(self.found.len());

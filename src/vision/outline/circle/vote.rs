@@ -53,7 +53,42 @@ pub(crate) struct Votes {
     least: f32,
 }
 
+/// The votes of edges of either sign: those of the one and of the other, added.
+#[derive(Debug, Default)]
+pub(crate) struct Ballot {
+    counts: Vec<f32>,
+    strong: f32,
+}
+
+impl Ballot {
+    /// Reserves capacity for images of as many pixels.
+    pub fn reserve(&mut self, pixels: usize) {
+        self.counts
+            .reserve(pixels.saturating_sub(self.counts.len()));
+    }
+
+    /// Starts from the votes of one sign.
+    pub fn begin(&mut self, votes: &Votes) {
+        self.counts.clone_from(&votes.counts);
+        self.strong = votes.strong;
+    }
+
+    /// Adds those of the other.
+    pub fn add(&mut self, votes: &Votes) {
+        for (sum, count) in self.counts.iter_mut().zip(&votes.counts) {
+            *sum += count;
+        }
+    }
+}
+
 impl Votes {
+    /// Takes up the votes of an image of this width.
+    pub fn take_up(&mut self, ballot: &Ballot, width: usize) {
+        self.counts.clone_from(&ballot.counts);
+        (self.width, self.height) = (width, ballot.counts.len() / width.max(1));
+        self.strong = ballot.strong;
+    }
+
     /// Reserves capacity for images of as many pixels.
     pub fn reserve(&mut self, pixels: usize) {
         self.gradients
