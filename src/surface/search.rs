@@ -24,11 +24,16 @@ const BESIDE: f64 = 0.2;
 /// First and last step of the climb, radians.
 const STEPS: [f64; 2] = [0.08, 0.02];
 
+/// Cells that are summed side by side.
+const LANES: usize = 8;
+
 /// What does not depend on face and surface.
 #[derive(Debug)]
 pub(crate) struct Search {
     rotations: Vec<Rotation>,
     cells: Vec<Vec3>,
+    /// The cube's cells that the cells meet under each of the rotations, one rotation after the other.
+    met: Vec<u16>,
     /// The directions of a cube's cells.
     cube: Vec<Vec3>,
 }
@@ -42,10 +47,18 @@ impl Search {
     pub fn new() -> Self {
         let cells: Vec<Vec3> = spiral_directions(CELLS).filter(|d| d.z > MIN_Z).collect();
         let cube = (0..6 * CUBE * CUBE).map(cube_direction).collect();
+        let rotations: Vec<Rotation> = (0..ROTATIONS)
+            .map(|k| spread_rotation(k, ROTATIONS))
+            .collect();
+        let met = rotations.iter().flat_map(|rotation| {
+            let back = rotation.inverse().to_rotation_matrix();
+            cells
+                .iter()
+                .map(move |cell| cube_cell(&(back * cell)) as u16)
+        });
         Self {
-            rotations: (0..ROTATIONS)
-                .map(|k| spread_rotation(k, ROTATIONS))
-                .collect(),
+            met: met.collect(),
+            rotations,
             cells,
             cube,
         }
@@ -86,12 +99,14 @@ impl Search {
         near: Option<(&Rotation, f64)>,
     ) -> Vec<(Rotation, f64)> {
         let seen = self.face_cells(face);
-        let tried = self.rotations.iter().filter(|r| match near {
+        let met = self.met.chunks_exact(self.cells.len());
+        let tried = self.rotations.iter().zip(met).filter(|(r, _)| match near {
             Some((about, within)) => rotation_angle(about, r) < within,
             None => true,
         });
-        let mut scored: Vec<(Rotation, f64)> =
-            tried.map(|r| (*r, self.score(surface, &seen, r))).collect();
+        let mut scored: Vec<(Rotation, f64)> = tried
+            .map(|(r, met)| (*r, correlation(surface, &seen, |k| usize::from(met[k]))))
+            .collect();
         scored.sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
         let mut best: Vec<(Rotation, f64)> = Vec::new();
         for (rotation, score) in scored {
@@ -137,17 +152,9 @@ impl Search {
         self.cells.iter().map(blur).collect()
     }
 
-    /// The correlation, about 0: places that are not known take from it.
     fn score(&self, surface: &Blurred, seen: &[f32], rotation: &Rotation) -> f64 {
         let back = rotation.inverse().to_rotation_matrix();
-        let (mut own, mut all, mut both) = (0.0f32, 0.0f32, 0.0f32);
-        for (value, cell) in seen.iter().zip(&self.cells) {
-            let other = surface.0[cube_cell(&(back * cell))];
-            own += other * other;
-            all += value * value;
-            both += value * other;
-        }
-        f64::from(both / (own.max(1e-6) * all.max(1e-6)).sqrt())
+        correlation(surface, seen, |k| cube_cell(&(back * self.cells[k])))
     }
 
     fn climb(&self, surface: &Blurred, seen: &[f32], rotation: &mut Rotation, score: &mut f64) {
@@ -168,6 +175,21 @@ impl Search {
             }
         }
     }
+}
+
+/// The correlation, about 0, of a face with the surface at the cells of the cube that its cells meet: places that are not known take from it.
+fn correlation(surface: &Blurred, seen: &[f32], met: impl Fn(usize) -> usize) -> f64 {
+    let (mut own, mut all, mut both) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
+    for (chunk, values) in seen.chunks(LANES).enumerate() {
+        for (lane, value) in values.iter().enumerate() {
+            let other = surface.0[met(LANES * chunk + lane)];
+            own[lane] += other * other;
+            all[lane] += value * value;
+            both[lane] += value * other;
+        }
+    }
+    let [own, all, both] = [own, all, both].map(|lanes| lanes.iter().sum::<f32>());
+    f64::from(both / (own.max(1e-6) * all.max(1e-6)).sqrt())
 }
 
 /// The cell of a cube about the ball that a direction meets.

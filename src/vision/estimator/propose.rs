@@ -36,7 +36,7 @@ pub(crate) const VERY_LARGE: usize = 4_000_000;
 /// Images of more pixels are halved until they have no more before they are searched by all edges: that takes 0.2 ms for every thousand. Of 420 of
 /// 1280 x 1024 in all conditions, with balls of 18 to 180 px, so and by the finer coarse search 285 were answered rightly and none wrongly, by all edges of the image
 /// itself 255 and two, in the same time; without the finer search 224.
-const ALL_EDGES: f64 = 600_000.0;
+const ALL_EDGES: f64 = 300_000.0;
 /// How much finer a very large image is searched: for balls of 40 pixels in one of 3840 x 2160.
 const HALVINGS: u32 = 2;
 /// Largest radius of the coarse search, as a part of the longer side.
