@@ -9,7 +9,7 @@
 //!                                 |
 //! places    a plan (propose.rs): the outline that is believed | near the expected one, then farther around | the region
 //!           of large regions first rough circles at a coarse scale: what stands out, what that outshone, without thin things,
-//!           closer about the most promising; of very large ones smaller balls; last all edges
+//!           closer about the most promising; of larger ones smaller balls; last all edges, of those at a smaller scale
 //!                                 |   one after the other, until one gives the answer or the budget ends
 //! outlines  at a place (locate.rs): edges and net together, the edges' own where the net contradicts them, a circle
 //!           for an ellipse; without a pose all other circles of the edges
