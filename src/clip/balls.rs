@@ -32,7 +32,7 @@ use crate::vision::frame::estimate::{FrameEstimate, FrameRejection, Standing};
 use crate::vision::frame::prior::{Budget, OutlinePrior};
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::outline::circle::{BallFinder, BallFit, Polarity, WHOLE};
-use crate::vision::outline::place::level_of;
+use crate::vision::outline::place::level_of_part;
 
 /// Very large pictures are halved until they have no more pixels than this: all their edges would take too much memory.
 const MAX_SHRUNK: f64 = 1_100_000.0;
@@ -334,9 +334,8 @@ impl BallsEstimator {
         while radii.0 / f64::from(2u32 << level) >= SMALLEST {
             level += 1;
         }
-        let pixels = part.width * part.height;
-        if pixels > VERY_LARGE {
-            level = level.max(level_of((pixels as f64).sqrt(), MAX_SHRUNK.sqrt()));
+        if part.width * part.height > VERY_LARGE {
+            level = level.max(level_of_part(&part, MAX_SHRUNK));
         }
         let side = f64::from(1u32 << level);
         let BallsWorkspace {

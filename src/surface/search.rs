@@ -38,6 +38,13 @@ pub(crate) struct Search {
     cube: Vec<Vec3>,
 }
 
+/// A blurred face: its cells' brightness, and the sum of their squares.
+#[derive(Debug)]
+struct BlurredFace {
+    values: Vec<f32>,
+    squares: f32,
+}
+
 /// A blurred surface; 0 where it is not known.
 #[derive(Debug)]
 pub(crate) struct Blurred(Vec<f32>);
@@ -137,7 +144,7 @@ impl Search {
     }
 
     /// The blurred face.
-    fn face_cells(&self, face: &Face) -> Vec<f32> {
+    fn face_cells(&self, face: &Face) -> BlurredFace {
         let off = [-1.0, -0.5, 0.0, 0.5, 1.0].map(|o| o * BLUR);
         let blur = |cell: &Vec3| {
             let [e1, e2] = tangent_frame(cell);
@@ -149,15 +156,23 @@ impl Search {
             }
             (sum / (off.len() * off.len()) as f64) as f32
         };
-        self.cells.iter().map(blur).collect()
+        let values: Vec<f32> = self.cells.iter().map(blur).collect();
+        let squares = values.iter().map(|x| x * x).sum();
+        BlurredFace { values, squares }
     }
 
-    fn score(&self, surface: &Blurred, seen: &[f32], rotation: &Rotation) -> f64 {
+    fn score(&self, surface: &Blurred, seen: &BlurredFace, rotation: &Rotation) -> f64 {
         let back = rotation.inverse().to_rotation_matrix();
         correlation(surface, seen, |k| cube_cell(&(back * self.cells[k])))
     }
 
-    fn climb(&self, surface: &Blurred, seen: &[f32], rotation: &mut Rotation, score: &mut f64) {
+    fn climb(
+        &self,
+        surface: &Blurred,
+        seen: &BlurredFace,
+        rotation: &mut Rotation,
+        score: &mut f64,
+    ) {
         let mut step = STEPS[0];
         while step > STEPS[1] {
             let mut moved = false;
@@ -178,18 +193,17 @@ impl Search {
 }
 
 /// The correlation, about 0, of a face with the surface at the cells of the cube that its cells meet: places that are not known take from it.
-fn correlation(surface: &Blurred, seen: &[f32], met: impl Fn(usize) -> usize) -> f64 {
-    let (mut own, mut all, mut both) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
-    for (chunk, values) in seen.chunks(LANES).enumerate() {
+fn correlation(surface: &Blurred, seen: &BlurredFace, met: impl Fn(usize) -> usize) -> f64 {
+    let (mut own, mut both) = ([0.0f32; LANES], [0.0f32; LANES]);
+    for (chunk, values) in seen.values.chunks(LANES).enumerate() {
         for (lane, value) in values.iter().enumerate() {
             let other = surface.0[met(LANES * chunk + lane)];
             own[lane] += other * other;
-            all[lane] += value * value;
             both[lane] += value * other;
         }
     }
-    let [own, all, both] = [own, all, both].map(|lanes| lanes.iter().sum::<f32>());
-    f64::from(both / (own.max(1e-6) * all.max(1e-6)).sqrt())
+    let [own, both] = [own, both].map(|lanes| lanes.iter().sum::<f32>());
+    f64::from(both / (own.max(1e-6) * seen.squares.max(1e-6)).sqrt())
 }
 
 /// The cell of a cube about the ball that a direction meets.

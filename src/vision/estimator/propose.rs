@@ -23,7 +23,7 @@ use crate::vision::optics::camera::BallCircle;
 use crate::vision::optics::grid::Grid;
 use crate::vision::outline::circle::WHOLE;
 use crate::vision::outline::circle::coarse::{self, CoarseSearch, MAX_CIRCLES};
-use crate::vision::outline::place::{Place, SURROUNDINGS, level_of};
+use crate::vision::outline::place::{Place, SURROUNDINGS, level_of_part};
 use crate::vision::pose::identify::PROMISING;
 
 /// A ball that is not where it is expected is looked for within so many radii, if it may be so far off.
@@ -147,12 +147,6 @@ impl Hunt {
     }
 }
 
-/// How often a part is halved before it is searched by all its edges.
-fn shrunk_level(part: &Roi) -> u32 {
-    let pixels = (part.width * part.height) as f64;
-    level_of(pixels.sqrt(), ALL_EDGES.sqrt())
-}
-
 /// The smallest radius, pixels, that is seen in an image that was halved so often.
 fn smallest(level: u32) -> f64 {
     MIN_COARSE * f64::from(1u32 << level)
@@ -219,22 +213,21 @@ impl Places {
     /// A ball anywhere in a part.
     fn plan_region(&mut self, part: Roi, is_continued: bool, search: SearchDepth) {
         let is_very_large = part.width * part.height > VERY_LARGE;
-        let is_shrunk = shrunk_level(&part) > 0;
-        let is_thorough = search == SearchDepth::Thorough;
+        let is_shrunk = level_of_part(&part, ALL_EDGES) > 0;
         let all = PlanStep::At(Proposal::likely(Place::Within(part)));
         if part.width.max(part.height) <= LARGE {
             return self.steps.push(all);
         }
         self.plan_hunt(Hunt::everywhere(part, is_continued));
-        let halvings = match is_thorough {
-            true if is_very_large => HALVINGS,
-            true if !is_shrunk => 0,
-            _ => 1,
+        let halvings = match search {
+            SearchDepth::Coarse => 1,
+            SearchDepth::Thorough if is_very_large => HALVINGS,
+            SearchDepth::Thorough => u32::from(is_shrunk),
         };
         for halvings in 1..=halvings {
             self.plan_hunt(Hunt::finer(part, halvings, is_continued));
         }
-        if is_thorough {
+        if search == SearchDepth::Thorough {
             self.steps.push(match is_shrunk {
                 true => PlanStep::Shrunk(part),
                 false => all,
@@ -355,7 +348,8 @@ impl Estimator {
         ws: &mut EstimatorWorkspace,
     ) {
         let net = self.outline_net.as_ref();
-        self.viewed(*image, part, shrunk_level(part), ws, |crop, ws| {
+        let level = level_of_part(part, ALL_EDGES);
+        self.viewed(*image, part, level, ws, |crop, ws| {
             let mut standing = match ws.locator.begin(&crop, &Place::Within(*part), net) {
                 Ok(()) => Standing::Likely,
                 Err(_) => Standing::Doubtful,

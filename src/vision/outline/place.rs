@@ -44,6 +44,12 @@ impl Place {
     }
 }
 
+/// How often a part is halved until it has no more pixels than this.
+pub(crate) fn level_of_part(part: &Roi, most: f64) -> u32 {
+    let pixels = (part.width * part.height) as f64;
+    level_of(pixels.sqrt(), most.sqrt())
+}
+
 /// How often a length is halved until it is no more than another.
 pub(crate) fn level_of(length: f64, most: f64) -> u32 {
     (length / most).log2().ceil().max(0.0) as u32

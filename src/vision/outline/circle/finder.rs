@@ -49,7 +49,7 @@ pub struct BallFinder {
     contrast: GrayImage,
     has_contrast: bool,
     votes: Votes,
-    /// Votes of either sign, of each size.
+    /// Votes of either sign, of each size of the image in hand; none where a size was not voted on.
     ballots: Vec<Ballot>,
     centers: Vec<Center>,
     unrolled: Unrolled,
@@ -229,6 +229,7 @@ impl BallFinder {
         let most = self.config.max_radius * longer;
         self.halve(image, most);
         self.reserve(image);
+        self.ballots.iter_mut().for_each(Ballot::clear);
         let mut support = self.vote(image, most, &[Polarity::Brighter, Polarity::Darker]);
         // Against a background of middling brightness, a ball in slanting light is brighter here and darker there.
         if of_any_sign || self.best().is_none_or(|b| b.support < WHOLE) {
@@ -299,15 +300,12 @@ impl BallFinder {
             }
             for &polarity in polarities {
                 let (votes, ballot) = (&mut self.votes, &mut self.ballots[level]);
-                if polarity == Polarity::Mixed {
-                    votes.take_up(ballot, width);
-                } else {
-                    votes.cast(vote::MIN..=vote::MAX, polarity.sign());
-                }
                 match polarity {
-                    Polarity::Brighter => ballot.begin(votes),
-                    Polarity::Darker => ballot.add(votes),
-                    Polarity::Mixed => {}
+                    Polarity::Mixed => votes.take_up(ballot, width),
+                    Polarity::Brighter | Polarity::Darker => {
+                        votes.cast(vote::MIN..=vote::MAX, polarity.sign());
+                        ballot.add(votes);
+                    }
                 }
                 votes.strongest(count, &mut self.centers);
                 for k in 0..self.centers.len() {

@@ -67,14 +67,16 @@ impl Ballot {
             .reserve(pixels.saturating_sub(self.counts.len()));
     }
 
-    /// Starts from the votes of one sign.
-    pub fn begin(&mut self, votes: &Votes) {
-        self.counts.clone_from(&votes.counts);
-        self.strong = votes.strong;
+    /// Forgets all votes.
+    pub fn clear(&mut self) {
+        self.counts.clear();
+        self.strong = 0.0;
     }
 
-    /// Adds those of the other.
+    /// Adds the votes of one sign.
     pub fn add(&mut self, votes: &Votes) {
+        self.counts.resize(votes.counts.len(), 0.0);
+        self.strong = votes.strong;
         for (sum, count) in self.counts.iter_mut().zip(&votes.counts) {
             *sum += count;
         }
