@@ -203,7 +203,7 @@ class Camera:
         return _native.project_points(self._given(), optical * [1.0, -1.0, -1.0])
 
     def view(self, circle: ArrayLike) -> BallView:
-        """The view of a ball whose outline is the circle ``u, v, radius``, pixels."""
+        """The view of a ball whose outline is the circle ``u, v, radius``, pixels: with intrinsics one as `FrameEstimate.circle` has it."""
         return BallView(self, circle)
 
     def _given(self) -> tuple[str, list[float]]:
@@ -318,7 +318,8 @@ class FrameEstimate:
     """Everything seen in a frame."""
 
     circle: tuple[float, float, float] | None
-    """The ball's outline ``u, v, radius``, pixels; None where there is no ball."""
+    """The ball's outline ``u, v, radius``, pixels; None where there is no ball. With intrinsics its center is where the ball's center is seen,
+    and the radius that of the ball seen straight on, as `Camera.view` takes it."""
     dots: Floats
     """Detections ``u, v, probability``, the likeliest first; shape (n, 3)."""
     dot_covariances: Floats

@@ -141,7 +141,8 @@ class Estimator:
         Args:
             image: The frame: a crop of the ball, or an image with the ball in it.
             color: Order of the channels, ``"rgb"``, ``"bgr"``, ``"rgba"`` or ``"bgra"``; needed for arrays that have them.
-            circle: The ball's outline ``u, v, radius``, pixels, where it is known.
+            circle: The ball's outline ``u, v, radius``, pixels, where it is known: the circle that the image shows, of an ellipse that
+                of the same center and area.
             hint: Prior orientation.
 
         Raises:

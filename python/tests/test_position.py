@@ -59,17 +59,18 @@ def test_a_limb_that_opencv_projects_leads_to_the_center(table, distortion):
         flat = undistorted(pixels, K, distortion, R=np.eye(3), P=np.eye(3), criteria=criteria).reshape(-1, 2)
         axis, half = cone(np.column_stack([flat, np.ones(len(flat))]))
         assert axis * RADIUS_M / np.sin(half) == pytest.approx(center, abs=1e-6)
-        # The outline as `Camera.view` has it: where the center is seen, and sqrt(fx fy) |q| m tan(a) with the lens' magnification.
-        ray = axis / axis[2]
-        step = 1e-5 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-        ends = shown(ray + step)
-        slope = np.column_stack([ends[0] - ends[1], ends[2] - ends[3]]) / 2e-5
-        radius = np.sqrt(abs(np.linalg.det(slope))) * np.linalg.norm(ray) * np.tan(half)
-        given = (*shown(axis)[0], radius)
+        # The outline as the picture shows it: the center of its ellipse and the mean of the half axes.
+        middle, axes, _ = cv2.fitEllipse(pixels.astype(np.float32))
+        given = (*middle, 0.25 * sum(axes))
         found = estimator.estimate(np.full((64, 64), 128, np.uint8), circle=given)
         # No dot is seen, and the outline stands.
         assert not found.pose and found.position_rotation_covariance_m_rad is None
-        assert found.position_m * [1, -1, -1] == pytest.approx(center, abs=1e-6)
+        seen = found.position_m * [1, -1, -1]
+        off = seen / np.linalg.norm(seen) - center / np.linalg.norm(center)
+        print(distance, off, np.linalg.norm(seen) / distance)
+        # Lenses draw outlines out otherwise than an ellipse.
+        assert np.linalg.norm(off) < (1e-3 if distortion.any() else 1e-4)
+        assert np.linalg.norm(seen) == pytest.approx(distance, rel=1e-2 if distortion.any() else 1e-3)
         assert np.all(np.linalg.eigvalsh(found.position_covariance_m2) > 0.0)
 
 

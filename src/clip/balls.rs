@@ -179,10 +179,8 @@ impl BallsEstimator {
             }
             if found.is_free(&fit.circle) {
                 let sigma_px = fit.covariance.diagonal().max().sqrt();
-                let outline = OutlinePrior {
-                    circle: fit.circle,
-                    sigma_px: sigma_px.min(MAX_SIGMA * fit.circle.radius),
-                };
+                let sigma_px = sigma_px.min(MAX_SIGMA * fit.circle.radius);
+                let outline = OutlinePrior::found(fit.circle, sigma_px);
                 // What has no whole rim may be anything: no second look at its dots where the first shows none.
                 let standing = match fit.support.min(fit.visible) >= WHOLE {
                     true => Standing::Likely,
@@ -247,10 +245,7 @@ impl BallsEstimator {
     ) {
         for circle in expected {
             if !found.is_full() && found.is_free(circle) {
-                let outline = OutlinePrior {
-                    circle: *circle,
-                    sigma_px: EXPECTED_SIGMA * circle.radius,
-                };
+                let outline = OutlinePrior::found(*circle, EXPECTED_SIGMA * circle.radius);
                 let ball = self.at(image, outline, Standing::Doubtful, budget, ws);
                 found.add(ball, None, false);
             }
@@ -269,9 +264,10 @@ impl BallsEstimator {
             if found.is_full() {
                 break;
             }
-            let Some(circle) = ball.frame.outline.map(|o| o.circle) else {
+            let Some(rejected) = ball.frame.outline else {
                 continue;
             };
+            let circle = rejected.circle;
             let others = found.balls.iter().filter_map(BallEstimate::circle);
             let covers: Vec<BallCircle> = others
                 .filter(|c| {
@@ -284,7 +280,7 @@ impl BallsEstimator {
                 continue;
             }
             for is_added in [true, false] {
-                let outline = (OutlinePrior::given(circle), Standing::Likely);
+                let outline = (self.known_as(&rejected), Standing::Likely);
                 let workspace = &mut ws.workspaces[ball.table];
                 workspace.covers.clone_from(&covers);
                 workspace.covers_add = is_added;

@@ -65,7 +65,7 @@ impl FollowedOutline {
                 true => f64::INFINITY,
                 false => NEARBY * circle.radius / 3.0,
             };
-            Some(OutlinePrior { circle, sigma_px })
+            Some(OutlinePrior::found(circle, sigma_px))
         })
     }
 

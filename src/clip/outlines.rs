@@ -57,10 +57,7 @@ fn expected_at(k: usize, times_s: &[f64], all: &[Option<(f64, BallCircle)>]) -> 
 /// Where to look again.
 pub(crate) fn near(expected: &BallCircle) -> Prior {
     Prior {
-        outline: Some(OutlinePrior {
-            circle: *expected,
-            sigma_px: SPREAD * expected.radius,
-        }),
+        outline: Some(OutlinePrior::found(*expected, SPREAD * expected.radius)),
         ..Prior::default()
     }
 }

@@ -157,6 +157,7 @@ impl Estimator {
         let outline = frame.outline?.with_model_error();
         let prior = refine::PosePrior {
             outline,
+            oval: None,
             camera: self.config.camera,
             start: self.config.camera.at(pose.distance),
             drawn,

@@ -150,17 +150,15 @@ fn in_doubt(
         }
         (Some(_), None) => is_off_path,
     };
-    let own = frame.outline.map(|outline| OutlinePrior {
-        circle: outline.circle,
-        sigma_px: match is_given {
-            true => outline.covariance[(0, 0)].sqrt(),
-            false => MAX_SCATTER * outline.circle.radius,
+    let near = |circle: BallCircle| OutlinePrior::found(circle, MAX_SCATTER * circle.radius);
+    let own = frame.outline.map(|outline| match is_given {
+        true => OutlinePrior {
+            sigma_px: outline.covariance[(0, 0)].sqrt(),
+            ..OutlinePrior::given(outline.circle)
         },
+        false => near(outline.circle),
     });
-    let path = expected.map(|circle| OutlinePrior {
-        circle,
-        sigma_px: MAX_SCATTER * circle.radius,
-    });
+    let path = expected.map(near);
     // Without either nothing says where to look.
     let outline = path.or(own).filter(|_| is_doubtful)?;
     Some(FrameInDoubt {
@@ -229,7 +227,14 @@ impl Estimator {
             stop,
             ..Budget::default()
         };
-        self.estimate(image, &doubt.prior, &budget, ws, &mut again);
+        let prior = Prior {
+            outline: doubt.prior.outline.map(|outline| OutlinePrior {
+                circle: self.shown_circle(&outline.circle),
+                ..outline
+            }),
+            ..doubt.prior
+        };
+        self.estimate(image, &prior, &budget, ws, &mut again);
         if let Some(outline) = again.outline.as_mut().filter(|o| !o.is_given()) {
             outline.source = OutlineSource::Neighbors;
         }

@@ -5,6 +5,7 @@ use super::{BallEstimate, BallsEstimator, BallsWorkspace, WORTHWHILE};
 use crate::clip::verdict::MAX_LEAD;
 use crate::image::{ImageView, Roi};
 use crate::vision::frame::estimate::{FrameEstimate, Standing};
+use crate::vision::frame::outline::Outline;
 use crate::vision::frame::prior::{Budget, OutlinePrior, Prior};
 
 impl BallsEstimator {
@@ -25,8 +26,8 @@ impl BallsEstimator {
         let best = largest(&tables);
         for ball in balls.iter_mut() {
             let is_by_best = ball.table == best && ball.frame.pose().is_some();
-            if let Some(circle) = ball.circle().filter(|_| !is_by_best) {
-                let likely = (OutlinePrior::given(circle), Standing::Likely);
+            if let Some(outline) = self.outline_of(ball).filter(|_| !is_by_best) {
+                let likely = (outline, Standing::Likely);
                 ball.frame = self.estimate_at(image, best, likely, budget, ws);
             } else if let Ok(pose) = &mut ball.frame.outcome {
                 // Its own share of the table is in its confidence.
@@ -144,15 +145,15 @@ impl BallsEstimator {
         let (weights, posed): (Vec<f64>, Vec<bool>) = by_dots.unzip();
         let tables = shares(&weights);
         let best = largest(&tables);
-        let outline = frame.outline.map(|o| o.circle).filter(|_| posed[best]);
+        let outline = frame.outline.filter(|_| posed[best]);
         let mut ball = BallEstimate {
             frame,
             table: best,
             tables,
         };
         let is_by_best = best == table && ball.frame.pose().is_some();
-        if let Some(circle) = outline.filter(|_| !is_by_best) {
-            let likely = (OutlinePrior::given(circle), Standing::Likely);
+        if let Some(outline) = outline.filter(|_| !is_by_best) {
+            let likely = (self.known_as(&outline), Standing::Likely);
             ball.frame = self.estimate_at(image, best, likely, budget, ws);
         } else if best != table {
             ball.frame.reject_pose();
@@ -185,6 +186,21 @@ impl BallsEstimator {
         };
         self.weigh(&mut ball);
         ball
+    }
+
+    /// An outline of an estimate, to be estimated once more.
+    pub(super) fn known_as(&self, outline: &Outline) -> OutlinePrior {
+        let circle = self.estimators[0].shown_circle(&outline.circle);
+        OutlinePrior {
+            source: outline.source,
+            ..OutlinePrior::given(circle)
+        }
+    }
+
+    /// The same of a ball, as its dots have it.
+    fn outline_of(&self, ball: &BallEstimate) -> Option<OutlinePrior> {
+        let (circle, outline) = (ball.circle()?, ball.frame.outline?);
+        Some(self.known_as(&Outline { circle, ..outline }))
     }
 
     /// A pose is right where its table is.

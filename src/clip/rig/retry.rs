@@ -127,10 +127,10 @@ fn prior(
     let along = position.covariance.trace().sqrt() / position.center_m.norm();
     let sigma_px = across_px.max(along * circle.radius);
     Some(Prior {
-        outline: Some(OutlinePrior {
-            circle,
-            sigma_px: sigma_px.max(MIN_SPREAD * circle.radius),
-        }),
+        outline: Some(OutlinePrior::found(
+            estimator.shown_circle(&circle),
+            sigma_px.max(MIN_SPREAD * circle.radius),
+        )),
         rotation: Some(rotation),
         ..Prior::default()
     })

@@ -289,6 +289,14 @@ impl Estimator {
         }
     }
 
+    /// A ball's outline in a frame as the image shows it.
+    pub(crate) fn shown_circle(&self, circle: &BallCircle) -> BallCircle {
+        match self.intrinsics() {
+            Some(k) => k.shown_of_ball(circle),
+            None => *circle,
+        }
+    }
+
     /// The view of a frame's ball.
     pub(crate) fn view(&self, frame: &FrameEstimate) -> Option<BallView> {
         self.config.camera.view_of(frame)

@@ -6,7 +6,7 @@
 use std::time::{Duration, Instant};
 
 use super::estimate::Timings;
-use super::outline::Outline;
+use super::outline::{Outline, OutlineSource};
 use crate::concurrency::StopFlag;
 use crate::image::Roi;
 use crate::recognize::Hint;
@@ -49,12 +49,15 @@ pub enum Follows {
 /// The ball's outline before the image is seen, in its pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutlinePrior {
-    /// The circle.
+    /// The circle as the image shows it: of a ball off the axis, whose image is an ellipse, the circle of the ellipse's center and the mean
+    /// of its half axes.
     pub circle: BallCircle,
     /// Standard deviation of its center's u and v and of its radius, pixels. Up to 5 % of the radius the
     /// circle is taken for the outline; beyond, the ball is looked for near it, and within three standard deviations of
     /// it; where it is infinite, then everywhere.
     pub sigma_px: f64,
+    /// Where it comes from: one that is given is taken as it is, any other is corrected by the image's rim and by the dots.
+    pub source: OutlineSource,
 }
 
 impl OutlinePrior {
@@ -63,14 +66,27 @@ impl OutlinePrior {
         Self {
             circle,
             sigma_px: GIVEN * circle.radius,
+            source: OutlineSource::Given,
+        }
+    }
+
+    /// An outline that was found.
+    pub(crate) fn found(circle: BallCircle, sigma_px: f64) -> Self {
+        Self {
+            circle,
+            sigma_px,
+            source: OutlineSource::Detected,
         }
     }
 
     /// The outline, where it is known well enough to be one.
     pub(crate) fn believed(&self) -> Option<Outline> {
         let is_believed = self.sigma_px <= BELIEVED * self.circle.radius;
-        let covariance = Matrix3::from_diagonal_element(self.sigma_px.powi(2));
-        is_believed.then_some(Outline::given(self.circle, covariance))
+        is_believed.then_some(Outline {
+            circle: self.circle,
+            covariance: Matrix3::from_diagonal_element(self.sigma_px.powi(2)),
+            source: self.source,
+        })
     }
 
     /// How far around the circle the ball may be, radii.

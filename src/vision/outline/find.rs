@@ -30,7 +30,7 @@ use crate::vision::outline::locate::{Locator, OutlineCandidate};
 use crate::vision::outline::net::OutlineNet;
 use crate::vision::outline::place::{FOR_OUTLINE, Place};
 use crate::vision::outline::recenter::Recentering;
-use crate::vision::outline::rim::{RimFit, RimFitter};
+use crate::vision::outline::rim::{RimFit, RimFitter, RimShape};
 
 /// Circles are looked for in an image that is halved until its longer side has no more pixels than this.
 const SIDE: usize = 320;
@@ -286,7 +286,10 @@ impl OutlineFinder {
             view: &view,
         };
         let shape = CapShape::of_edge(fit.edge_width, crop.grid.side);
-        Some((circle, rim.fit_in_doubt(&pixels, &shape)?))
+        Some((
+            circle,
+            rim.fit(&pixels, (RimShape::AsViewed, &shape), std::iter::empty())?,
+        ))
     }
 }
 

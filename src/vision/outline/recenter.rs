@@ -48,9 +48,6 @@ const MAX_PIXELS: usize = {
     let side = 2.0 * REACH * MAX_RADIUS + 2.0;
     (side * side) as usize
 };
-/// Steps of the fixed point that leads from a fitted circle to the cone of rays, each of which gains
-/// two digits at 25 degrees and 8 radii.
-const STEPS: usize = 6;
 /// An outline that loses more of its support than this in the virtual image is not the ball's.
 const LESS_SUPPORT: f64 = 0.1;
 /// Step of the finite differences that map an outline's covariance, pixels.
@@ -281,8 +278,7 @@ impl Recentering {
         Some(Recentered { camera, circle })
     }
 
-    /// Makes the virtual image of a ball off the axis, and corrects its outline where that was found rather
-    /// than given. `contrast` is the color contrast, where the outline was looked for in it as well.
+    /// Makes the virtual image of a ball off the axis, and corrects its outline, by its edges where these were found. `contrast` is the color contrast, where the outline was looked for in it as well.
     /// `None` where the ball is on the axis: then nothing is changed.
     pub fn recenter(
         &mut self,
@@ -292,10 +288,7 @@ impl Recentering {
         frame: &mut FrameEstimate,
     ) -> Option<Recentered> {
         let outline = frame.outline?;
-        let rough = match outline.is_given() {
-            true => outline,
-            false => outline_of_fit(intrinsics, &outline),
-        };
+        let rough = outline_of_fit(intrinsics, &outline);
         let Some(fit) = frame.fit else {
             let camera = VirtualCamera::new(intrinsics, &rough.circle)?;
             camera.look(gray, &mut self.image);
@@ -342,35 +335,14 @@ impl Recentering {
     }
 }
 
-/// The outline of the ball to whose elliptic image `fitted` was fitted as a circle: one with the
-/// ellipse's center and the mean of its half-axes as the radius. Its covariance grows by what a
-/// fit to a part of the ellipse may be off.
+/// The outline of the ball to whose elliptic image `fitted` was fitted as a circle. The covariance of one that was found grows by what a fit
+/// to a part of the ellipse may be off.
 fn outline_of_fit(k: &Intrinsics, fitted: &Outline) -> Outline {
-    let Some(ray) = k.ray(fitted.circle.center) else {
-        return *fitted;
+    let circle = k.ball_of_shown(&fitted.circle);
+    let stretch = match fitted.is_given() {
+        true => 0.0,
+        false => 0.5 * (fitted.circle.radius - circle.radius),
     };
-    let (at, off) = (ray.xy(), ray.xy().norm());
-    let radius = fitted.circle.radius * ray.norm() / k.scale_at(&ray);
-    if off < MIN_OFF_AXIS_RAD {
-        return *fitted;
-    }
-    let (mut tan_off, mut tan_half) = (off, radius / off.hypot(1.0));
-    for _ in 0..STEPS {
-        let (off_axis, half) = (tan_off.atan(), tan_half.atan());
-        let (near, far) = ((off_axis - half).tan(), (off_axis + half).tan());
-        let across = half.cos().powi(2) - off_axis.sin().powi(2);
-        // An outline that reaches the plane of the camera is no ellipse.
-        if across <= 0.0 {
-            return *fitted;
-        }
-        let across = half.sin() / across.sqrt();
-        tan_off *= off / (0.5 * (near + far));
-        tan_half *= radius / (0.25 * (far - near) + 0.5 * across);
-    }
-    let to = at * (tan_off / off);
-    let to = Vec3::new(to.x, to.y, -1.0);
-    let circle = BallCircle::new(k.project(&to), k.scale_at(&to) * tan_half);
-    let stretch = 0.5 * (fitted.circle.radius - circle.radius);
     Outline {
         circle,
         covariance: fitted.covariance + Matrix3::from_diagonal_element(stretch * stretch),
@@ -419,50 +391,31 @@ mod tests {
         }
     }
 
-    /// A circle with the center and the mean half-axis of the ellipse leads back to the cone.
+    /// Where no edges show it, whether it was found or given.
     #[test]
-    fn the_outline_of_a_fit_is_that_of_the_cone() {
+    fn an_outline_without_edges_is_that_of_the_cone() {
         let k = Intrinsics::pinhole(300.0, 300.0, 0.0, 0.0);
-        for (off_axis, half) in [(0.44f64, 0.125f64), (0.17, 0.125), (0.44, 0.033)] {
-            let (near, far) = ((off_axis - half).tan(), (off_axis + half).tan());
-            let across = half.sin() / (half.cos().powi(2) - off_axis.sin().powi(2)).sqrt();
-            let fitted = Outline::given(
-                BallCircle::new(
-                    Pixel {
-                        u: 150.0 * (near + far),
-                        v: 0.0,
-                    },
-                    300.0 * (0.25 * (far - near) + 0.5 * across),
-                ),
-                Matrix3::identity(),
-            );
-            let found = outline_of_fit(&k, &fitted).circle;
-            // The same of an outline that no edges show, unless someone has given it.
-            for source in [OutlineSource::Detected, OutlineSource::Given] {
-                let mut frame = FrameEstimate {
-                    outline: Some(Outline { source, ..fitted }),
-                    ..FrameEstimate::default()
-                };
-                let mut gray = GrayImage::default();
-                gray.fill_with(300, 60, |_, _| 0.5);
-                let mut recentering = Recentering::new(CircleConfig::default());
-                let seen = recentering.recenter(&k, &gray, None, &mut frame);
-                assert!(seen.is_some());
-                let expected = match source {
-                    OutlineSource::Given => fitted.circle,
-                    _ => found,
-                };
-                assert_eq!(frame.outline.expect("one").circle, expected);
-            }
-            assert!(
-                (found.center.u - 300.0 * off_axis.tan()).abs() < 1e-4,
-                "{found:?}"
-            );
-            let expected = 300.0 * half.tan() / off_axis.cos();
-            assert!(
-                (found.radius - expected).abs() < 1e-4,
-                "{found:?} {expected}"
-            );
+        let circle = BallCircle::new(Pixel { u: 140.0, v: 20.0 }, 40.0);
+        for source in [OutlineSource::Detected, OutlineSource::Given] {
+            let shown = Outline {
+                circle: k.shown_of_ball(&circle),
+                covariance: Matrix3::identity(),
+                source,
+            };
+            let mut frame = FrameEstimate {
+                outline: Some(shown),
+                ..FrameEstimate::default()
+            };
+            let mut gray = GrayImage::default();
+            gray.fill_with(300, 60, |_, _| 0.5);
+            let mut recentering = Recentering::new(CircleConfig::default());
+            let seen = recentering.recenter(&k, &gray, None, &mut frame);
+            assert!(seen.is_some());
+            let found = frame.outline.expect("one");
+            assert_eq!(found.source, source);
+            let off = found.circle.center.u - circle.center.u;
+            let off = off.hypot(found.circle.center.v - circle.center.v);
+            assert!(off < 1e-4 && (found.circle.radius - circle.radius).abs() < 1e-4);
         }
     }
 }

@@ -21,6 +21,7 @@ use crate::vision::frame::estimate::{
 use crate::vision::frame::outline::Outline;
 use crate::vision::frame::prior::{Budget, Spending};
 use crate::vision::optics::camera::{BallView, Camera};
+use crate::vision::optics::oval::Oval;
 
 /// Poses likelier than this are compared with those of the mirrored view.
 const MIRROR_DOUBT: f64 = 0.3;
@@ -412,7 +413,7 @@ impl Estimator {
             rotation, camera, ..
         } = hypothesis;
         let refined = self
-            .refined(rotation, *camera, outline, Drawn::AsStated, ws, out)
+            .refined(rotation, *camera, (outline, None), Drawn::AsStated, ws, out)
             .ok_or(FrameRejection::Recognizer(RecognizerRejection::Degenerate))?;
         out.circle = Some(*refined.view.circle());
         Ok(refined.pose(hypothesis.dots_confidence, hypothesis.confidence, hinted))
@@ -423,13 +424,14 @@ impl Estimator {
         &self,
         rotation: &Rotation,
         start: Camera,
-        outline: &Outline,
+        (outline, oval): (&Outline, Option<Oval>),
         drawn: Drawn,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<RefinedFrame> {
         let prior = refine::PosePrior {
             outline: *outline,
+            oval,
             camera: self.config.camera,
             start,
             drawn,

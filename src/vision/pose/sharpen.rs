@@ -9,6 +9,7 @@
 use std::time::Instant;
 
 use super::refine::Drawn;
+use crate::geometry::Rotation;
 use crate::image::ImageView;
 use crate::vision::dots::cap::CapShape;
 use crate::vision::dots::detector::DotDetection;
@@ -21,15 +22,17 @@ use crate::vision::optics::ball_pixels::BallPixels;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
 use crate::vision::optics::crop::Images;
 use crate::vision::optics::grid::Grid;
+use crate::vision::optics::oval::Oval;
 use crate::vision::outline::place::{FOR_OUTLINE, Place};
+use crate::vision::outline::rim::RimShape;
 
+/// Dots that face the camera less than this may lie over the rim; around them so many deviations of their blur are hidden.
+const AT_RIM: f64 = 0.5;
+const AROUND_DOT: f64 = 1.5;
 /// What is read of the image, outline radii.
 const REACH: f64 = 1.25;
 /// A dot farther from where it was detected than so many standard deviations, the drawn one's included, is another thing.
 const MOVED: f64 = 4.0;
-/// Standard deviation of the radius of an outline that may be an ellipse, radii: off the axis by 5 degrees, the half axes differ
-/// by 0.4 %.
-const OVAL: f64 = 0.002;
 /// An outline that the dots moved by more than this, radii, is read again: what is read of it would no longer be the ball's.
 const FAR: f64 = 0.03;
 /// Where more than this part of the names is lost on the sharpened dots, these are other things.
@@ -96,14 +99,15 @@ impl Estimator {
     ) -> Result<Option<Outline>, Option<Outline>> {
         let mut before = std::mem::take(&mut ws.within);
         before.copy_from(out);
-        let seen = self.place_by_pixels(image, ws, out);
+        let seen = self.place_by_pixels(&pose.rotation, image, ws, out);
         let refined = seen.and_then(|rim| self.refine_sharpened(pose, rim, ws, out));
         if refined.is_none() {
             std::mem::swap(&mut before, out);
             out.oval = before.oval;
         }
         ws.within = before;
-        refined.map(|()| seen.flatten()).ok_or(seen.flatten())
+        let rim = seen.flatten().map(|(outline, _)| outline);
+        refined.map(|()| rim).ok_or(rim)
     }
 
     /// The outline by the image's rim, where it was found and is clear, of a frame without a pose whose camera is known.
@@ -124,7 +128,11 @@ impl Estimator {
             }
             None => CapShape::first(0.0, &view),
         };
-        let rim = ws.rim.fit_in_doubt(&pixels, &shape)?;
+        let rim = ws.rim.fit(
+            &pixels,
+            (RimShape::AsViewed, &shape),
+            ws.covers.iter().copied(),
+        )?;
         let seen = rim.correct(&outline.circle, &outline);
         Some(seen.with_size_error())
     }
@@ -138,13 +146,14 @@ impl Estimator {
             .and_then(|(outline, k)| position::of_outline(&outline, k, self.ball_radius_m));
     }
 
-    /// The outline by the image's rim, where it was found and is clear; `None` where no dot is.
+    /// The outline by the image's rim, where it was found and is clear, and how far it is drawn out where the camera is unknown; `None` where no dot is.
     fn place_by_pixels(
         &self,
+        pose: &Rotation,
         image: ImageView<'_>,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
-    ) -> Option<Option<Outline>> {
+    ) -> Option<Option<(Outline, Option<Oval>)>> {
         let view = self.view(out)?;
         let pixels = pixels_about(image, &view, &mut ws.images)?;
         // What the dots that face the camera say of blur and tone curve, those near the rim need most.
@@ -177,52 +186,70 @@ impl Estimator {
         let is_found = out.outline.is_some_and(|o| !o.is_given());
         // Where the radius says how far the ball is, its error counts.
         let is_known = self.intrinsics().is_some();
-        let rim = || match is_known {
-            true => ws.rim.fit_in_doubt(&pixels, &shape?),
-            false => ws.rim.fit(&pixels, &shape?),
-        };
-        let rim = is_found.then(rim).flatten();
+        let rim = shape.filter(|_| is_found).and_then(|shape| {
+            let dots = self.dots_at_rim(pose, &view, &shape);
+            let hidden = dots.chain(ws.covers.iter().copied());
+            let outlines = match self.config.camera {
+                CameraModel::Unknown(_) => RimShape::DrawnOut,
+                CameraModel::Known(_) => RimShape::AsViewed,
+            };
+            ws.rim.fit(&pixels, (outlines, &shape), hidden)
+        });
         let oval = rim.and_then(|rim| rim.oval).filter(|_| is_known);
         out.oval = oval.map(|oval| (*view.circle(), oval));
         let corrected = rim.zip(out.outline);
-        let corrected = corrected.map(|(rim, outline)| {
-            let seen = rim.correct(view.circle(), &outline);
-            if is_known {
-                seen.with_size_error()
-            } else {
-                seen
+        let corrected = corrected.map(|(rim, outline)| match self.config.camera {
+            CameraModel::Unknown(_) => rim.correct_drawn_out(view.circle(), &outline),
+            CameraModel::Known(_) => {
+                let seen = rim.correct(view.circle(), &outline);
+                let seen = if is_known {
+                    seen.with_size_error()
+                } else {
+                    seen
+                };
+                (seen, None)
             }
         });
         is_any.then_some(corrected)
     }
 
+    /// Where the pattern's dots lie over the rim, with their blur.
+    fn dots_at_rim(
+        &self,
+        pose: &Rotation,
+        view: &BallView,
+        shape: &CapShape,
+    ) -> impl Iterator<Item = BallCircle> {
+        let turn = view.to_camera().inverse() * pose;
+        let radius = shape.radius * view.circle().radius + AROUND_DOT * shape.blur + 1.0;
+        let turned = self.ball.pattern().dots().iter().map(move |dot| turn * dot);
+        let at_rim = turned.filter(move |dot| (-shape.radius..AT_RIM).contains(&dot.z));
+        at_rim.map(move |dot| BallCircle::new(view.project(&dot), radius))
+    }
+
     fn refine_sharpened(
         &self,
         pose: &Pose,
-        rim: Option<Outline>,
+        rim: Option<(Outline, Option<Oval>)>,
         ws: &mut EstimatorWorkspace,
         out: &mut FrameEstimate,
     ) -> Option<()> {
         let view = self.view(out)?;
-        let outline = match rim {
-            Some(mut rim) => {
-                if matches!(self.config.camera, CameraModel::Unknown(_)) {
-                    rim.covariance[(2, 2)] += (OVAL * view.circle().radius).powi(2);
-                }
-                rim
-            }
+        let (outline, oval) = match rim {
+            Some(rim) => rim,
             None => {
                 let found = out.outline?.with_model_error();
-                match self.intrinsics() {
+                let found = match self.intrinsics() {
                     Some(_) => found.with_size_error(),
                     None => found,
-                }
+                };
+                (found, None)
             }
         };
         let camera = self.config.camera.at(pose.distance);
         let rotation = view.to_camera().inverse() * pose.rotation;
         let matched = out.matched() as f64;
-        let refined = self.refined(&rotation, camera, &outline, Drawn::AsSeen, ws, out)?;
+        let refined = self.refined(&rotation, camera, (&outline, oval), Drawn::AsSeen, ws, out)?;
         if (out.matched() as f64) < (1.0 - MOST_LOST) * matched {
             return None;
         }

@@ -179,8 +179,8 @@ impl Args {
             // What is sought is not whether the ball is found.
             let prior = Prior {
                 outline: Some(OutlinePrior {
-                    circle: *circle,
                     sigma_px: NEAR * circle.radius,
+                    ..OutlinePrior::given(*circle)
                 }),
                 ..Prior::default()
             };

@@ -109,17 +109,15 @@ fn contrast(gray: &GrayImage, truth: &FrameTruth) -> f64 {
     })
 }
 
-/// The outline as the estimator has it where the intrinsics are known.
+/// The outline as the image shows it to who knows the intrinsics.
 fn outline(truth: &FrameTruth) -> Option<BallCircle> {
     let (k, distance) = (truth.intrinsics?, truth.distance?);
     let center = truth.ball_center;
     let ray = [(center.u - k.cx) / k.fx, (center.v - k.cy) / k.fy];
     let length = (1.0 + ray[0] * ray[0] + ray[1] * ray[1]).sqrt();
     let focal = (k.fx * k.fy).sqrt() * length;
-    Some(BallCircle::new(
-        center,
-        focal / (distance * distance - 1.0).sqrt(),
-    ))
+    let ball = BallCircle::new(center, focal / (distance * distance - 1.0).sqrt());
+    Some(k.shown_of_ball(&ball))
 }
 
 fn answer(
@@ -139,8 +137,8 @@ fn answer(
     };
     let estimator = Estimator::new(pattern, config, detector.clone())?;
     let exact = |circle| OutlinePrior {
-        circle,
         sigma_px: 1e-3,
+        ..OutlinePrior::given(circle)
     };
     let prior = Prior {
         outline: match known {

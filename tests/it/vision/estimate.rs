@@ -623,8 +623,8 @@ fn an_outline_that_is_known_well_is_believed() {
         let frame = independent_frame(&pattern, &config, 91, k).expect("a frame");
         let truth = frame.truth.orientation();
         let known = OutlinePrior {
-            circle: BallCircle::new(frame.truth.center, frame.truth.radius_px),
             sigma_px: 0.05,
+            ..OutlinePrior::given(BallCircle::new(frame.truth.center, frame.truth.radius_px))
         };
         for (outline, errors) in [None, Some(known)].into_iter().zip(&mut errors) {
             let prior = Prior {

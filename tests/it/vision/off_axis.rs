@@ -171,6 +171,11 @@ impl Cast {
             RADIUS_PX,
         )
     }
+
+    /// The same as the image shows it.
+    fn shown_circle(&self) -> BallCircle {
+        self.intrinsics.shown_of_ball(&self.circle())
+    }
 }
 
 /// What an estimator that knows so much of the camera, and of the outline, makes of an image.
@@ -225,7 +230,7 @@ fn errors_before(behind: Behind, distance: f64, off_axis_deg: f64, told: Told) -
             Told::Nothing => CameraModel::default(),
             _ => Camera::Perspective(cast.intrinsics).into(),
         };
-        let circle = (told == Told::IntrinsicsAndOutline).then(|| cast.circle());
+        let circle = (told == Told::IntrinsicsAndOutline).then(|| cast.shown_circle());
         let out = estimated(&pattern, camera, &image, circle.map(OutlinePrior::given));
         if behind == Behind::Alike && out.fit.is_some() {
             continue;
@@ -340,8 +345,8 @@ fn dots_lie_where_the_images_own_pixels_show_them() {
         let cast = Cast::random(12.0, off_axis, &mut rng);
         let image = cast.image(pattern.dots(), Behind::Dark, srgb, &mut rng);
         let outline = OutlinePrior {
-            circle: cast.circle(),
             sigma_px: 1e-3,
+            ..OutlinePrior::given(cast.shown_circle())
         };
         let camera = Camera::Perspective(cast.intrinsics).into();
         let out = estimated(&pattern, camera, &image, Some(outline));

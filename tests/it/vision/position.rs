@@ -141,8 +141,8 @@ fn the_limb_of_a_sphere_leads_to_its_center() {
             }
             // So it comes out of an estimate, without an orientation, too.
             let given = OutlinePrior {
-                circle,
                 sigma_px: 0.1,
+                ..OutlinePrior::given(k.shown_of_ball(&circle))
             };
             let camera = Camera::Perspective(k).into();
             let out = estimated(&pattern, camera, &blank, Some(given));

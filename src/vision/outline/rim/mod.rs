@@ -1,82 +1,79 @@
 //! A ball's outline by the image's own pixels.
 //!
-//! The rim is cut into sectors. In each the light at `x` pixels within the outline is what is behind the ball, the step to the ball,
-//! and what Lambert's law adds as the surface turns towards the camera, like the root of the depth; all blurred by a Gaussian of `s`:
+//! The light at `x` pixels within the outline, in the direction `a` from its middle, is what is behind the ball, and within what the
+//! ball's surface shows, blurred as a whole by a Gaussian of `s`:
 //!
 //! ```text
-//! light = a + b Phi((x - e) / s) + c E sqrt(max(0, x - e + s n)),   n ~ N(0, 1)
+//! light = l0(a) + E_n [ (l1(a) + l2(a) z + l3(a) z^2) (1 - p (1 - z)^5), x + s n > 0 ],   n ~ N(0, 1),   z = z(x + s n)
 //! ```
 //!
-//! So neither the tone curve, which makes a bright ball larger by a quarter of a pixel, nor shading, which makes its dark side smaller,
-//! moves the outline. The sectors' `e` are a change of center and radius, fitted with the weights of Student's distribution: a dot
-//! at the rim, a shadow or a hand counts little. Apart from that they are fitted once more with an [oval](Oval): what `cos 2a` and
-//! `sin 2a` of the direction `a` add to the radius.
+//! with the facing `z` of the surface at that depth ([`limb`]). The lights `l` are known at knots around the rim, linear between them, and no more
+//! uneven than the pixels ask for; the outline's center and radius, `s` and the darkening `p` are one for all of it. So neither the tone curve, which makes a
+//! bright ball larger, nor shading, which makes its dark side smaller, moves the outline, and a side that fades into the wall is bound by the others.
+//! All are fitted together, Gauss-Newton with the weights of Student's distribution, so that a shadow, print or a hand counts little; dots are left out.
+//! Of large balls at first means of squares of pixels are read, so that an outline is found that is off by a twentieth of the radius.
 //!
-//! The tone curve `light = (1 - q) I + q I^2` is what the dots say of it, if any. A wrong one moves every edge the same way, by up to
-//! 0.8 `s`, and with it the radius. [`RimFitter::fit_in_doubt`] therefore fits with a line, sRGB's curve and one between, and
-//! weighs them by what is known of `q` and by how well the edges' own shape fits: the error of `q` becomes one of the outline.
+//! Dots are smeared by the ball's turn, its rim is not: its blur is its own. The tone curve `light = (1 - q) I + q I^2` is the dots', and what is not known of it adds
+//! to the covariance. In the end an [oval](Oval) is fitted besides: what `cos 2a` and `sin 2a` add to the radius.
 //!
-//! Not promised: an outline where the ball is not within a pixel or two of where it was found; then there is none.
+//! Not promised: an outline where the ball is not within a twentieth of its radius of where it was found.
 
-mod sector;
+mod band;
+mod chain;
+mod limb;
+mod state;
 
-use std::f64::consts::TAU;
+use nalgebra::{Matrix2, Matrix3, Vector2};
 
-use fearless_simd::Level;
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
-
-use self::sector::{
-    EXPECTED_PIXELS, LEAST_VARIANCE, Place, RimPixels, Sector, density_cost, place, sector_at,
-    sector_of,
-};
-use crate::fit::{Student, Sums};
+use self::band::RimBand;
+use self::chain::OVAL;
+use self::limb::LimbTable;
+pub(crate) use self::state::RimShape;
+use self::state::{FoundRim, LEAST_BLUR, LimbState, RimBall};
 use crate::geometry::Vec3;
-use crate::vision::dots::cap::{CapShape, Tone};
+use crate::vision::dots::cap::CapShape;
 use crate::vision::frame::outline::Outline;
 use crate::vision::optics::ball_pixels::BallPixels;
 use crate::vision::optics::camera::{BallCircle, Pixel};
-use crate::vision::optics::oval::Oval;
+use crate::vision::optics::oval::{Oval, drawn_out, of_circle};
 
-/// Number of sectors.
-const SECTORS: usize = 32;
-/// Pixels are read from so many within the outline to so many beyond it, and so many deviations of the blur: what is
-/// behind the ball has to be seen apart from its edge.
-const READ: ([f64; 2], [f64; 2]) = ([3.0, 1.5], [1.2, 2.5]);
-/// Of larger balls every second, third, ... pixel is read, so that there are about so many.
-const MANY_PIXELS: f64 = 3000.0;
-/// Maximum change of the outline, pixels.
-const MAX_CHANGE: f64 = 1.5;
+/// Fewer are no rim.
+const MIN_PIXELS: usize = 100;
+/// Squares of pixels are read as long as the radius has more of them than this.
+const COARSE: f64 = 11.0;
+const MAX_LEVEL: u32 = 5;
+/// A square's own blur, of its side.
+const SQUARE_BLUR: f64 = 0.35;
+/// The blur that the fit starts from, where that of the dots is not less, pixels.
+const SHARP: f64 = 1.0;
+/// Standard deviation of the light from a knot to the next, of the ball's light; of what is not even, that over the root of the second.
+const UNEVEN: f64 = 0.4;
+const NOT_EVEN: f64 = 0.3;
+/// The noise that the first step supposes, of the ball's light.
+const FIRST_NOISE: f64 = 0.02;
+/// The least variance of the values: that of what is rounded to a byte.
+const LEAST_VARIANCE: f64 = 1e-6;
+/// Steps of a fit; from this one on by half: whole ones go to and fro where the darkening is hardly seen.
+const STEPS: usize = 12;
+const HALVED: usize = 4;
+/// The last may be so many times as long as one that ends a fit.
+const CREEPING: f64 = 4.0;
+/// Maximum change of the outline: pixels, or this part of the radius where that is more.
+const MAX_CHANGE: (f64, f64) = (1.5, 0.06);
 /// After a larger one it is fitted again about the changed outline, pixels.
 const FAR: f64 = 0.25;
-/// Steps, and the loss, of the fit to the sectors.
-const ROUNDS: usize = 6;
-const LOSS: Student = Student::new(3, 1);
-/// Fewer sectors are no outline, and no oval.
-const MIN_SECTORS: usize = 14;
-const MIN_OVAL_SECTORS: usize = 16;
-/// Standard deviations of what the model leaves out, pixels: of center and radius.
-const MODEL_ERROR: [f64; 3] = [0.03, 0.03, 0.08];
-/// The bends of the tone curve that are tried.
-const BENDS: [f64; 3] = [0.0, 0.5, 1.0];
-/// The least deviation of the bend: curves of cameras are not quite of this family.
-const MIN_BEND_ERROR: f64 = 0.1;
-/// All pixels count as so many where they say how the curve bends.
-const INDEPENDENT: f64 = 200.0;
-/// Fits outlines; keeps its memory.
-#[derive(Debug)]
-pub(crate) struct RimFitter {
-    level: Level,
-    /// By sector.
-    pixels: [RimPixels; SECTORS],
-}
+/// An outline whose center is known worse says nothing, radii.
+const MAX_ERROR: f64 = 0.03;
+/// Standard deviation of what draws an outline out beside the camera, pixels, over the radius where that is more.
+const OVAL_ERROR: (f64, f64) = (0.05, 0.0005);
+/// An outline that is drawn out by so many deviations is an ellipse.
+const CLEAR_OVAL: f64 = 4.0;
 
-impl Default for RimFitter {
-    fn default() -> Self {
-        Self {
-            level: Level::new(),
-            pixels: std::array::from_fn(|_| RimPixels::with_capacity(EXPECTED_PIXELS)),
-        }
-    }
+/// Fits outlines; keeps its memory.
+#[derive(Debug, Default)]
+pub(crate) struct RimFitter {
+    band: RimBand,
+    table: LimbTable,
 }
 
 /// The change of an outline's center and radius, with its covariance.
@@ -93,300 +90,362 @@ impl RimFit {
         Outline {
             circle: BallCircle {
                 eccentricity: outline.circle.eccentricity,
-                ..self.moved(circle)
+                ..moved(circle, &self.change)
             },
             covariance: self.covariance,
             ..*outline
         }
     }
 
-    fn moved(&self, circle: &BallCircle) -> BallCircle {
-        BallCircle {
-            center: Pixel {
-                u: circle.center.u + self.change.x,
-                v: circle.center.v + self.change.y,
-            },
-            radius: circle.radius + self.change.z,
-            ..*circle
-        }
+    /// The same where the camera is not known, and how far the outline is drawn out in all: an ellipse where that is beyond doubt.
+    pub fn correct_drawn_out(
+        &self,
+        circle: &BallCircle,
+        outline: &Outline,
+    ) -> (Outline, Option<Oval>) {
+        let now = moved(circle, &self.change);
+        let mean = now.radius * of_circle(&now.eccentricity).0;
+        let seen = |circle| Outline {
+            circle,
+            covariance: self.covariance,
+            ..*outline
+        };
+        let round = BallCircle::new(now.center, mean);
+        let Some(mut oval) = self.oval else {
+            return (seen(now), None);
+        };
+        oval.stretch_px += drawn_out(&now).0;
+        let error = OVAL_ERROR.0.max(OVAL_ERROR.1 * mean);
+        oval.covariance += Matrix2::from_diagonal_element(error * error);
+        let square = oval.covariance.try_inverse();
+        let square = square.map_or(0.0, |inverse| {
+            oval.stretch_px.dot(&(inverse * oval.stretch_px))
+        });
+        let half = oval.stretch_px.norm();
+        let ellipse = (square > CLEAR_OVAL * CLEAR_OVAL && half < 0.5 * mean).then(|| {
+            let (shorter, longer) = (mean - half, mean + half);
+            let angle = 0.5 * oval.stretch_px.y.atan2(oval.stretch_px.x);
+            let along = Vector2::new(angle.cos(), angle.sin());
+            let side = if along.dot(&now.eccentricity) < 0.0 {
+                -1.0
+            } else {
+                1.0
+            };
+            BallCircle {
+                radius: shorter,
+                eccentricity: along * (side * (1.0 - (shorter / longer).powi(2)).sqrt()),
+                ..round
+            }
+        });
+        (seen(ellipse.unwrap_or(round)), Some(oval))
     }
+}
+
+fn moved(circle: &BallCircle, change: &Vec3) -> BallCircle {
+    BallCircle {
+        center: Pixel {
+            u: circle.center.u + change.x,
+            v: circle.center.v + change.y,
+        },
+        radius: circle.radius + change.z,
+        ..*circle
+    }
+}
+
+/// The blur that a fit to squares of pixels starts from, pixels: `side` is that of the pixels that are halved so often.
+fn expected_blur(of_dots: &CapShape, side: f64, level: u32) -> f64 {
+    let sharp = of_dots.blur.min(SHARP * side);
+    let square = side * f64::from(1u32 << level);
+    let blur = match level {
+        0 => sharp,
+        _ => sharp.hypot(SQUARE_BLUR * square),
+    };
+    blur.max(LEAST_BLUR * square)
 }
 
 impl RimFitter {
-    /// Fits the rim about the outline of a view, by blur and tone curve of the ball's dots.
-    pub fn fit(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
-        self.about(pixels, |fitter, pixels| {
-            let sectors = fitter.read_sectors(pixels, shape)?;
-            fitter.fit_at(&sectors, shape.blur, shape.tone.bend).0
-        })
-    }
-
-    /// The same by what is known of the tone curve and what the rim itself says of it, in three times the time.
-    pub fn fit_in_doubt(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
-        self.about(pixels, |fitter, pixels| fitter.fit_bent(pixels, shape))
-    }
-
-    /// Fits about the outline of a view, and where that moves it far about the moved one.
-    fn about(
+    /// Fits the rim about the outline of a view, by the tone curve of the ball's dots. `hidden` are circles of the image that show something else.
+    pub fn fit(
         &mut self,
         pixels: &BallPixels<'_>,
-        fit: impl Fn(&mut Self, &BallPixels<'_>) -> Option<RimFit>,
+        (shape, of_dots): (RimShape, &CapShape),
+        hidden: impl Iterator<Item = BallCircle>,
     ) -> Option<RimFit> {
-        let found = fit(self, pixels)?;
-        if found.change.amax() < FAR {
-            return Some(found);
-        }
-        let view = pixels.view.at(found.moved(pixels.view.circle())).ok()?;
-        let moved = BallPixels {
-            view: &view,
-            ..*pixels
-        };
-        let Some(again) = fit(self, &moved) else {
-            return Some(found);
-        };
-        let change = found.change + again.change;
-        (change.amax() < MAX_CHANGE).then_some(RimFit { change, ..again })
-    }
-
-    fn fit_bent(&mut self, pixels: &BallPixels<'_>, shape: &CapShape) -> Option<RimFit> {
-        let sectors = self.read_sectors(pixels, shape)?;
-        let mut costs = [0.0; BENDS.len()];
-        let mut fits = [None; BENDS.len()];
-        for ((bend, cost), fit) in BENDS.into_iter().zip(&mut costs).zip(&mut fits) {
-            (*fit, *cost) = self.fit_at(&sectors, shape.blur, bend);
-            *cost += self
-                .pixels
-                .iter()
-                .map(|p| density_cost(p, bend))
-                .sum::<f64>();
-        }
-        let [Some(line), Some(middle), Some(root)] = fits else {
-            return self.fit_at(&sectors, shape.blur, shape.tone.bend).0;
-        };
-        // Neighbors share blur, and what is behind the ball is not even.
-        let count: usize = self.pixels.iter().map(RimPixels::len).sum();
-        let share = (INDEPENDENT / count as f64).min(1.0);
-        let (bend, variance) = bend(&costs.map(|cost| share * cost), &shape.tone);
-        // The parabola through the three.
-        let by = [
-            middle.change * 4.0 - line.change * 3.0 - root.change,
-            (line.change - middle.change * 2.0 + root.change) * 2.0,
-        ];
-        let slope = by[0] + by[1] * (2.0 * bend);
-        let nearest = [line, middle, root][(2.0 * bend).round() as usize];
-        Some(RimFit {
-            change: line.change + (by[0] + by[1] * bend) * bend,
-            covariance: nearest.covariance + slope * slope.transpose() * variance,
-            oval: nearest.oval,
-        })
-    }
-
-    fn read_sectors(
-        &mut self,
-        pixels: &BallPixels<'_>,
-        shape: &CapShape,
-    ) -> Option<[Sector; SECTORS]> {
-        let mut sectors = [Sector::default(); SECTORS];
-        for (k, sector) in sectors.iter_mut().enumerate() {
-            *sector = sector_at(pixels.view, TAU * (k as f64 + 0.5) / SECTORS as f64)?;
-        }
-        self.read(pixels, &sectors, shape);
-        Some(sectors)
-    }
-
-    /// Fits the pixels read, whose tone curve has this bend; also minus two log-likelihoods of the lights of all sectors, each with a
-    /// noise of its own.
-    fn fit_at(&self, sectors: &[Sector; SECTORS], blur: f64, bend: f64) -> (Option<RimFit>, f64) {
-        let mut cost = 0.0;
-        let mut places: [Place; SECTORS] = [None; SECTORS];
-        let occupied = self.pixels.iter().zip(&mut places);
-        for (part, found) in occupied.filter(|(part, _)| part.len() > 0) {
-            let count = part.len() as f64;
-            let (at, squares) = place(self.level, part, blur, bend);
-            *found = at;
-            cost += count * (squares / count).max(LEAST_VARIANCE).ln();
-        }
-        (outline(sectors, &places), cost)
-    }
-
-    fn read(&mut self, pixels: &BallPixels<'_>, sectors: &[Sector; SECTORS], shape: &CapShape) {
-        let BallPixels { gray, grid, view } = pixels;
-        let (depths, blurs) = READ;
-        let [inner, outer] = [0, 1].map(|k| depths[k] + blurs[k] * shape.blur);
-        let circle = view.circle();
-        let stride = (TAU * circle.radius * (inner + outer) / MANY_PIXELS).ceil() as usize;
-        let stride = stride.max(1);
-        // An ellipse's longer half axis.
-        let longest = circle.radius / (1.0 - circle.eccentricity.norm_squared()).sqrt();
-        let ring = [
-            (circle.radius - inner - 2.0).max(0.0),
-            longest + outer + 2.0,
-        ];
-        let middle = grid.pixel_to_part(circle.center);
-        // From the first to the last of so many that lie within `side` of the middle.
-        let near = |middle: f64, side: f64, count: usize| {
-            let end = (middle + side + 1.0).clamp(0.0, count as f64 - 1.0);
-            (middle - side).ceil().max(1.0) as usize..end as usize
-        };
-        self.pixels.iter_mut().for_each(RimPixels::clear);
-        for v in near(middle.v, ring[1], gray.height()) {
-            let row = gray.row(v, 0, gray.width());
-            let off = (v as f64 - middle.v).powi(2);
-            let [hole, end] = ring.map(|radius| (radius * radius - off).max(0.0).sqrt());
-            for u in near(middle.u, end, gray.width()) {
-                if (u as f64 - middle.u).abs() < hole || (u + v) % stride != 0 {
-                    continue;
-                }
-                let aside = view.aside(pixels.place(u, v));
-                let sector = sector_of(&aside);
-                let within = (1.0 - aside.norm()) / sectors[sector].scale;
-                if (-outer..=inner).contains(&within) {
-                    self.pixels[sector].push(&[within, f64::from(row[u])]);
-                }
+        self.band.hide(hidden);
+        let start = *pixels.view.circle();
+        let in_squares = start.radius / pixels.grid.side / COARSE;
+        let coarsest = (in_squares.max(1.0).log2() as u32).min(MAX_LEVEL);
+        let mut change = Vec3::zeros();
+        let mut last = None;
+        for level in (1..=coarsest).rev() {
+            let view = pixels.view.at(moved(&start, &change)).ok()?;
+            let about = BallPixels {
+                view: &view,
+                ..*pixels
+            };
+            if let Some(found) =
+                self.fit_at(&about, (RimShape::AsViewed, of_dots), level, last.as_ref())
+            {
+                change += found.state.change;
+                last = Some(found.state);
             }
         }
-    }
-}
-
-/// The bend of the tone curve and its variance, by the costs of [`BENDS`] and what is known of it.
-fn bend([line, middle, root]: &[f64; 3], known: &Tone) -> (f64, f64) {
-    let least = MIN_BEND_ERROR * MIN_BEND_ERROR;
-    let weight = known.variance.max(least).recip();
-    // cost = a q^2 + b q + c.
-    let a = 2.0 * (line - 2.0 * middle + root);
-    let b = 4.0 * middle - 3.0 * line - root;
-    let cost = |q: f64| (a * q + b) * q + weight * (q - known.bend).powi(2);
-    let curvature = a + weight;
-    if curvature > 0.0 {
-        let best = (weight * known.bend - 0.5 * b) / curvature;
-        return (best.clamp(0.0, 1.0), curvature.recip().max(least));
-    }
-    let best = if cost(0.0) < cost(1.0) { 0.0 } else { 1.0 };
-    (best, known.variance.max(least))
-}
-
-/// The outline by its sectors.
-fn outline(sectors: &[Sector; SECTORS], places: &[Place; SECTORS]) -> Option<RimFit> {
-    let round = |n: &Vector2<f64>| [n.x, n.y, 1.0].into();
-    let oval = |n: &Vector2<f64>| [n.x, n.y, 1.0, n.x * n.x - n.y * n.y, 2.0 * n.x * n.y].into();
-    let (change, mut covariance) = fit(sectors, places, MIN_SECTORS, round)?;
-    let errors = MODEL_ERROR.map(|e| e * e);
-    covariance += Matrix3::from_diagonal(&errors.into());
-    let drawn_out = fit::<5>(sectors, places, MIN_OVAL_SECTORS, oval);
-    (change.amax() < MAX_CHANGE).then(|| RimFit {
-        change,
-        covariance,
-        oval: drawn_out.map(|(change, covariance)| Oval {
-            stretch_px: change.fixed_rows::<2>(3).into_owned(),
-            covariance: covariance.fixed_view::<2, 2>(3, 3).into_owned(),
-        }),
-    })
-}
-
-/// What moves the rim as the sectors have it, each unknown by its derivative there, and its covariance.
-fn fit<const N: usize>(
-    sectors: &[Sector; SECTORS],
-    places: &[Place; SECTORS],
-    min_count: usize,
-    by_normal: impl Fn(&Vector2<f64>) -> SVector<f64, N>,
-) -> Option<(SVector<f64, N>, SMatrix<f64, N, N>)> {
-    let seen = || {
-        let both = sectors.iter().zip(places);
-        both.filter_map(|(sector, place)| Some((by_normal(&sector.normal), (*place)?)))
-    };
-    let count = seen().count();
-    if count < min_count {
-        return None;
-    }
-    let mut change = SVector::<f64, N>::zeros();
-    let mut scale = 1.0;
-    let mut covariance = SMatrix::<f64, N, N>::zeros();
-    for _ in 0..ROUNDS {
-        let mut sums = Sums::<N>::default();
-        for (by, (at, variance)) in seen() {
-            let residual = at - by.dot(&change);
-            let weight = LOSS.weight(residual * residual / (variance * scale));
-            sums.add(&by.into(), residual, weight / variance);
+        let most = MAX_CHANGE.0.max(MAX_CHANGE.1 * start.radius);
+        for round in 0..2 {
+            let view = pixels.view.at(moved(&start, &change)).ok()?;
+            let about = BallPixels {
+                view: &view,
+                ..*pixels
+            };
+            let found = self.fit_at(&about, (shape, of_dots), 0, last.as_ref())?;
+            change += found.state.change;
+            if round > 0 || found.state.change.amax() < FAR {
+                let covariance = found.covariance(&of_dots.tone)?;
+                let variance = covariance[(0, 0)].max(covariance[(1, 1)]);
+                let is_clear =
+                    change.amax() < most && variance < (MAX_ERROR * start.radius).powi(2);
+                return is_clear.then(|| RimFit {
+                    change,
+                    covariance,
+                    oval: self.oval(found),
+                });
+            }
+            last = Some(found.state);
         }
-        let inverse = sums.symmetric().cholesky()?.inverse();
-        change += inverse * SVector::from(sums.gradient);
-        scale = (sums.squares / (count - N) as f64).max(1.0);
-        covariance = inverse * (scale / LOSS.information());
+        None
     }
-    Some((change, covariance))
+
+    /// By how much the outline is drawn out, by the pixels that were read last.
+    fn oval(&mut self, found: FoundRim) -> Option<Oval> {
+        let free = match found.ball.shape {
+            RimShape::DrawnOut => found,
+            RimShape::AsViewed => {
+                let ball = RimBall {
+                    shape: RimShape::DrawnOut,
+                    ..found.ball
+                };
+                self.iterate(ball, found.state, 0)?
+            }
+        };
+        let (inverse, _) = free.ends.fitted()?;
+        Some(Oval {
+            stretch_px: free.state.oval,
+            covariance: inverse.fixed_view::<2, 2>(OVAL, OVAL) * free.scatter(),
+        })
+    }
+
+    /// Fits means of squares of pixels, of two to the power of `level` a side.
+    fn fit_at(
+        &mut self,
+        pixels: &BallPixels<'_>,
+        (shape, of_dots): (RimShape, &CapShape),
+        level: u32,
+        last: Option<&LimbState>,
+    ) -> Option<FoundRim> {
+        let blur = expected_blur(of_dots, pixels.grid.side, level);
+        let ball = RimBall {
+            shape,
+            radius: pixels.view.circle().radius,
+            blur,
+            bend: of_dots.tone.bend,
+            depths: self.band.read(pixels, blur, level)?,
+        };
+        let side = pixels.grid.side * f64::from(1u32 << level);
+        let state = LimbState::after(last, blur, side);
+        self.iterate(ball, state, usize::from(last.is_none()))
+    }
+
+    /// From a state to the best one by the pixels that were read last, the first `begun` steps of the light alone.
+    fn iterate(&mut self, ball: RimBall, mut state: LimbState, begun: usize) -> Option<FoundRim> {
+        if self.band.count() < MIN_PIXELS {
+            return None;
+        }
+        let scale = self.band.light_scale(ball.bend);
+        for round in 0..STEPS {
+            self.table
+                .make(ball.radius, state.blur, state.darkening, ball.depths);
+            let (mut chain, scatter) = self.band.equations(&self.table, &state, ball.bend);
+            let noise = match round < begun {
+                true => (FIRST_NOISE * scale).powi(2),
+                false => scatter.max(LEAST_VARIANCE),
+            };
+            let alike = noise / (UNEVEN * scale).powi(2);
+            chain.smooth(&state.light, alike, NOT_EVEN * alike);
+            ball.hold(&state, &mut chain, noise);
+            let ends = chain.ends()?;
+            let step = match round < begun {
+                true => ends.light_step()?,
+                false => ends.step(state.darkening)?,
+            };
+            let part = if round < HALVED { 1.0 } else { 0.5 };
+            let length = state.go(&step, part, noise);
+            state.noise = (round >= begun).then_some(noise);
+            let is_last = round + 1 == STEPS;
+            if round > begun && length < if is_last { CREEPING } else { 1.0 } {
+                return Some(FoundRim {
+                    ball,
+                    state,
+                    ends,
+                    noise,
+                });
+            }
+        }
+        None
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::image::GrayImage;
-    use crate::stats::normal_cdf_and_density;
+    use crate::vision::dots::cap::Tone;
     use crate::vision::optics::camera::{BallView, Camera};
     use crate::vision::optics::grid::Grid;
 
     const SIDE: usize = 80;
     const BLUR: f64 = 0.8;
 
-    /// A lit ball before a dark background, as a camera stores it.
-    fn drawn(circle: &BallCircle) -> GrayImage {
-        let lamp = Vec3::new(0.6, 0.3, 0.75).normalize();
-        let view = BallView::new(&Camera::Orthographic, *circle).expect("a value");
+    /// A ball before a dark background, lit by a lamp, as a camera stores it. Its outline is drawn out by so much along u.
+    fn drawn(circle: &BallCircle, lamp: Vec3, stretch_px: f64) -> GrayImage {
+        let lamp = lamp.normalize();
+        let light = |u: f64, v: f64| {
+            let (du, dv) = (u - circle.center.u, v - circle.center.v);
+            let square = du * du + dv * dv;
+            let twice = (du * du - dv * dv) / square.max(1e-12);
+            let radius = circle.radius + stretch_px * twice;
+            let z = 1.0 - square / (radius * radius);
+            if z < 0.0 {
+                return 0.04;
+            }
+            let toward = Vec3::new(du / radius, -dv / radius, z.sqrt());
+            0.15 + 0.4 * toward.dot(&lamp).max(0.0)
+        };
+        // Places within the blur, a third of its deviation apart.
+        let near: Vec<[f64; 2]> = (-9..=9)
+            .map(|k| f64::from(k) / 3.0)
+            .map(|x| [x * BLUR, (-0.5 * x * x).exp()])
+            .collect();
         GrayImage::from_fn(SIDE, SIDE, |u, v| {
-            let at = Pixel {
-                u: u as f64,
-                v: v as f64,
-            };
-            let off = (at.u - circle.center.u).hypot(at.v - circle.center.v);
-            let covered = normal_cdf_and_density((circle.radius - off) / BLUR).0;
-            // The limb's own light beyond it.
-            let inward = (circle.radius - 0.5).min(off) / off.max(1e-9);
-            let toward = Pixel {
-                u: circle.center.u + inward * (at.u - circle.center.u),
-                v: circle.center.v + inward * (at.v - circle.center.v),
-            };
-            let lit = view
-                .direction(toward)
-                .map_or(0.0, |d| d.dot(&lamp).max(0.0));
-            (0.04 + covered * (0.25 + 0.3 * lit)).sqrt() as f32
+            let (mut sum, mut weights) = (0.0, 0.0);
+            for [du, by_u] in &near {
+                for [dv, by_v] in &near {
+                    sum += by_u * by_v * light(u as f64 + du, v as f64 + dv);
+                    weights += by_u * by_v;
+                }
+            }
+            f64::sqrt(sum / weights) as f32
         })
     }
 
-    fn fitted(gray: &GrayImage, view: &BallView) -> Option<RimFit> {
+    fn fitted(gray: &GrayImage, circle: BallCircle, shape: RimShape) -> Option<RimFit> {
+        let view = BallView::new(&Camera::Orthographic, circle).expect("a value");
         let grid = Grid::halved(0);
-        let shape = CapShape {
+        let of_dots = CapShape {
+            radius: 0.1,
+            // Dots are smeared.
+            blur: 2.5 * BLUR,
+            tone: Tone::of_root(),
+            is_known: true,
+        };
+        let pixels = BallPixels {
+            gray,
+            grid,
+            view: &view,
+        };
+        RimFitter::default().fit(&pixels, (shape, &of_dots), std::iter::empty())
+    }
+
+    const CIRCLE: BallCircle = BallCircle::new(Pixel { u: 40.2, v: 38.7 }, 30.0);
+
+    #[test]
+    fn an_outline_that_is_off_is_corrected() {
+        // The lamp in front, and one that leaves a side dark.
+        for lamp in [Vec3::new(0.3, 0.2, 0.9), Vec3::new(0.8, 0.3, 0.5)] {
+            let image = drawn(&CIRCLE, lamp, 0.0);
+            for off in [
+                [0.0, 0.0, 0.0],
+                [0.3, -0.2, 0.4],
+                [-0.4, 0.1, -0.5],
+                [1.0, 0.8, -1.2],
+            ] {
+                let off = Vec3::from(off);
+                for shape in [RimShape::AsViewed, RimShape::DrawnOut] {
+                    let fit = fitted(&image, moved(&CIRCLE, &off), shape).expect("a rim");
+                    let left = fit.change + off;
+                    assert!(left.xy().amax() < 0.15, "{off} {shape:?}: {left}");
+                    assert!(left.z.abs() < 0.2, "{off} {shape:?}: {left}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_outline_that_is_drawn_out_is_measured() {
+        let image = drawn(&CIRCLE, Vec3::new(0.3, 0.2, 0.9), 0.8);
+        for shape in [RimShape::AsViewed, RimShape::DrawnOut] {
+            let fit = fitted(&image, CIRCLE, shape).expect("a rim");
+            let oval = fit.oval.expect("an oval");
+            assert!((oval.stretch_px.x - 0.8).abs() < 0.15, "{oval:?}");
+            assert!(oval.stretch_px.y.abs() < 0.15, "{oval:?}");
+        }
+        let fit = fitted(&image, CIRCLE, RimShape::DrawnOut).expect("a rim");
+        let outline = Outline::given(CIRCLE, Matrix3::identity());
+        let (seen, _) = fit.correct_drawn_out(&CIRCLE, &outline);
+        let longer = seen.circle.rim(0.0).u - seen.circle.center.u;
+        assert!((longer.abs() - 30.8).abs() < 0.2, "{seen:?}");
+        assert!((seen.circle.radius - 29.2).abs() < 0.2, "{seen:?}");
+        // A circle stays one.
+        let image = drawn(&CIRCLE, Vec3::new(0.3, 0.2, 0.9), 0.0);
+        let fit = fitted(&image, CIRCLE, RimShape::DrawnOut).expect("a rim");
+        let outline = Outline::given(CIRCLE, Matrix3::identity());
+        assert!(
+            !fit.correct_drawn_out(&CIRCLE, &outline)
+                .0
+                .circle
+                .is_ellipse()
+        );
+    }
+
+    #[test]
+    fn what_hides_the_rim_is_not_read() {
+        let mut image = drawn(&CIRCLE, Vec3::new(0.3, 0.2, 0.9), 0.0);
+        let finger = BallCircle::new(Pixel { u: 68.0, v: 40.0 }, 9.0);
+        let clean = image.clone();
+        image.fill_with(SIDE, SIDE, |u, v| {
+            let off = (u as f64 - finger.center.u).hypot(v as f64 - finger.center.v);
+            if off < finger.radius - 1.0 {
+                0.9
+            } else {
+                clean.at(u as isize, v as isize)
+            }
+        });
+        let view = BallView::new(&Camera::Orthographic, CIRCLE).expect("a value");
+        let pixels = BallPixels {
+            gray: &image,
+            grid: Grid::halved(0),
+            view: &view,
+        };
+        let of_dots = CapShape {
             radius: 0.1,
             blur: BLUR,
             tone: Tone::of_root(),
             is_known: true,
         };
-        RimFitter::default().fit(&BallPixels { gray, grid, view }, &shape)
-    }
-
-    #[test]
-    fn an_outline_that_is_off_is_corrected() {
-        let circle = BallCircle::new(Pixel { u: 40.2, v: 38.7 }, 30.0);
-        let image = drawn(&circle);
-        for off in [[0.0, 0.0, 0.0], [0.3, -0.2, 0.4], [-0.4, 0.1, -0.5]] {
-            let mut found = circle;
-            found.center.u += off[0];
-            found.center.v += off[1];
-            found.radius += off[2];
-            let view = BallView::new(&Camera::Orthographic, found).expect("a value");
-            let fit = fitted(&image, &view).expect("a rim");
-            let left = fit.change + Vec3::from(off);
-            assert!(left.xy().amax() < 0.03, "{off:?}: {left}");
-            assert!(left.z.abs() < 0.1, "{off:?}: {left}");
-        }
+        let fit = RimFitter::default().fit(
+            &pixels,
+            (RimShape::AsViewed, &of_dots),
+            std::iter::once(finger),
+        );
+        let fit = fit.expect("a rim");
+        assert!(fit.change.amax() < 0.1, "{fit:?}");
     }
 
     #[test]
     fn an_even_image_has_no_rim() {
-        let circle = BallCircle::new(Pixel { u: 40.2, v: 38.7 }, 30.0);
-        let view = BallView::new(&Camera::Orthographic, circle).expect("a value");
         let image = GrayImage::from_fn(SIDE, SIDE, |u, v| {
             0.5 + 0.001 * ((7 * u + 13 * v) % 5) as f32
         });
-        let found = fitted(&image, &view);
+        let found = fitted(&image, CIRCLE, RimShape::AsViewed);
         assert!(found.is_none(), "{found:?}");
     }
 }

@@ -191,6 +191,7 @@ mod tests {
                 covariance: Matrix3::from_diagonal_element(OUTLINE_PX * OUTLINE_PX),
                 source,
             },
+            oval: None,
             camera: CameraModel::Known(Camera::Orthographic),
             start: Camera::Orthographic,
             drawn: Drawn::AsSeen,

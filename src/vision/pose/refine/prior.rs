@@ -7,7 +7,8 @@ use crate::geometry::Vec3;
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::PrincipalPointPrior;
 use crate::vision::frame::outline::Outline;
-use crate::vision::optics::camera::{BallView, Camera};
+use crate::vision::optics::camera::{BallCircle, BallView, Camera};
+use crate::vision::optics::oval::{Oval, drawn_out, of_circle};
 
 /// Standard deviation of the eccentricity along either axis of the image, where the outline is a circle and where an ellipse was
 /// fitted: a ball 5 degrees off the axis has 0.087.
@@ -23,6 +24,8 @@ pub(super) const MAX_ECCENTRICITY: f64 = 0.9;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PosePrior {
     pub outline: Outline,
+    /// By how much the outline is drawn out in all, where the image's rim says.
+    pub oval: Option<Oval>,
     /// What is known of the camera.
     pub camera: CameraModel,
     /// Where the search for the distance starts: the camera under which the dots are identified.
@@ -44,19 +47,20 @@ impl PosePrior {
     pub(super) fn of_outline(&self, of_outline: &Matrix3<f64>, view: &BallView) -> PoseEquations {
         let (circle, now) = (&self.outline.circle, view.circle());
         let moved = offset(circle.center, now.center);
-        let (growth, by_eccentricity) = match circle.is_ellipse() {
-            true => (1.0, Vector2::zeros()),
-            false => of_circle(&now.eccentricity),
-        };
-        let back = Vec3::new(moved.x, moved.y, circle.radius - growth * now.radius);
+        // The mean of the half axes is known, whatever the eccentricity.
+        let (growth, by_eccentricity) = of_circle(&now.eccentricity);
+        let mean = circle.radius * of_circle(&circle.eccentricity).0;
+        let back = Vec3::new(moved.x, moved.y, mean - growth * now.radius);
         let mut by = SMatrix::<f64, 3, PARAMETERS>::zeros();
         (by[(0, 3)], by[(1, 4)], by[(2, 5)]) = (1.0, 1.0, growth);
         (0..2).for_each(|k| by[(2, 7 + k)] = now.radius * by_eccentricity[k]);
         let mut equations = PoseEquations::default();
         equations.add(&by, &back, of_outline);
         equations.cost += back.dot(&(of_outline * back));
-        if self.has_oval() {
-            self.add_eccentricity(&mut equations, view);
+        match self.oval.filter(|_| self.drawn == Drawn::AsSeen) {
+            Some(oval) => add_oval(&oval, &mut equations, now),
+            None if self.has_oval() => self.add_eccentricity(&mut equations, view),
+            None => {}
         }
         equations
     }
@@ -121,6 +125,24 @@ impl PrincipalPointPrior {
     }
 }
 
+/// What a measured oval says of eccentricity and radius.
+fn add_oval(oval: &Oval, equations: &mut PoseEquations, now: &BallCircle) {
+    let (expected, by) = drawn_out(now);
+    let misfit = oval.stretch_px - expected;
+    let Some(inverse) = oval.covariance.try_inverse() else {
+        return;
+    };
+    let mut by_parameters = SMatrix::<f64, 2, PARAMETERS>::zeros();
+    by_parameters
+        .fixed_columns_mut::<1>(5)
+        .copy_from(&by.column(0));
+    by_parameters
+        .fixed_columns_mut::<2>(7)
+        .copy_from(&by.fixed_columns::<2>(1));
+    equations.add(&by_parameters, &misfit, &inverse);
+    equations.cost += misfit.dot(&(inverse * misfit));
+}
+
 /// How far the dots of a ball are believed to lie from where its placement has them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Drawn {
@@ -136,18 +158,10 @@ pub(super) fn bounded(eccentricity: Vector2<f64>) -> Vector2<f64> {
     eccentricity * (MAX_ECCENTRICITY / length.max(MAX_ECCENTRICITY))
 }
 
-/// The radius of the circle that was fitted to an ellipse, the geometric mean of the half axes, over the shorter one; and
-/// its derivative by the eccentricity.
-pub(super) fn of_circle(eccentricity: &Vector2<f64>) -> (f64, Vector2<f64>) {
-    let rest = 1.0 - eccentricity.norm_squared();
-    let growth = rest.powf(-0.25);
-    (growth, eccentricity * (0.5 * growth / rest))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::optics::camera::{BallCircle, Pixel};
+    use crate::vision::optics::camera::Pixel;
 
     /// What the axis says, as a cost; its gradient is minus a half of the cost's.
     #[test]
@@ -186,17 +200,5 @@ mod tests {
         assert!((information - information.transpose()).norm() == 0.0);
         let misfit = offset(Pixel { u: 500.0, v: 100.0 }, axis.middle) / 30.0 * 0.05 - e;
         assert_eq!(gradient[7].signum(), misfit.x.signum());
-    }
-
-    /// A circle about an ellipse of half axes `radius / sqrt(1 - e^2)` and `radius`.
-    #[test]
-    fn the_circle_of_an_ellipse_has_the_mean_of_its_half_axes() {
-        let e = Vector2::new(0.3, 0.2);
-        let (growth, by) = of_circle(&e);
-        let long = 1.0 / (1.0 - e.norm_squared()).sqrt();
-        assert!((growth - (long * 1.0).sqrt()).abs() < 1e-12);
-        let step = Vector2::new(1e-6, 0.0);
-        let slope = (of_circle(&(e + step)).0 - of_circle(&(e - step)).0) / 2e-6;
-        assert!((slope - by.x).abs() < 1e-8);
     }
 }
