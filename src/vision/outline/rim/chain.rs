@@ -296,8 +296,8 @@ mod tests {
         let inverse = part.try_inverse().expect("regular");
         let expected = &inverse * gradient.rows(0, kept);
         let LimbStep { lights, shared, .. } = ends.step(0.5).expect("a step");
-        for knot in 0..KNOTS {
-            let off = lights[knot] - expected.fixed_rows::<LIGHTS>(knot * LIGHTS);
+        for (knot, light) in lights.iter().enumerate() {
+            let off = light - expected.fixed_rows::<LIGHTS>(knot * LIGHTS);
             assert!(off.norm() < 1e-9, "{knot}: {off}");
         }
         for k in 0..FITTED {
