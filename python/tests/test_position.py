@@ -59,15 +59,14 @@ def test_a_limb_that_opencv_projects_leads_to_the_center(table, distortion):
         flat = undistorted(pixels, K, distortion, R=np.eye(3), P=np.eye(3), criteria=criteria).reshape(-1, 2)
         axis, half = cone(np.column_stack([flat, np.ones(len(flat))]))
         assert axis * RADIUS_M / np.sin(half) == pytest.approx(center, abs=1e-6)
-        # The outline as the picture shows it: the center of its ellipse and the mean of the half axes.
+        # The outline as the picture shows it: the circle of the same center and area as its ellipse.
         middle, axes, _ = cv2.fitEllipse(pixels.astype(np.float32))
-        given = (*middle, 0.25 * sum(axes))
+        given = (*middle, 0.5 * np.sqrt(axes[0] * axes[1]))
         found = estimator.estimate(np.full((64, 64), 128, np.uint8), circle=given)
         # No dot is seen, and the outline stands.
         assert not found.pose and found.position_rotation_covariance_m_rad is None
         seen = found.position_m * [1, -1, -1]
         off = seen / np.linalg.norm(seen) - center / np.linalg.norm(center)
-        print(distance, off, np.linalg.norm(seen) / distance)
         # Lenses draw outlines out otherwise than an ellipse.
         assert np.linalg.norm(off) < (1e-3 if distortion.any() else 1e-4)
         assert np.linalg.norm(seen) == pytest.approx(distance, rel=1e-2 if distortion.any() else 1e-3)
