@@ -2,7 +2,7 @@
 //!
 //! The first ball is what [`Estimator::estimate`] finds in the frame, as where only one is looked for, of several tables with a
 //! shorter search by each. Then all circles of a like size
-//! ([`BallFinder`]) are handed to the same entry as outlines that are given, the best first, so that a further ball costs what a
+//! ([`BallFinder`]) are handed to the same entry as outlines that were found, the best first, so that a further ball costs what a
 //! crop does. Where the balls may carry one of several patterns, each outline's dots are identified by all of them, and the pattern
 //! that explains them best is the ball's:
 //!
