@@ -49,8 +49,7 @@ pub enum Follows {
 /// The ball's outline before the image is seen, in its pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutlinePrior {
-    /// The circle as the image shows it: of a ball off the axis, whose image is an ellipse, the circle of the ellipse's center and the mean
-    /// of its half axes.
+    /// The circle as the image shows it: of a ball off the axis, whose image is an ellipse, that of the same center and area.
     pub circle: BallCircle,
     /// Standard deviation of its center's u and v and of its radius, pixels. Up to 5 % of the radius the
     /// circle is taken for the outline; beyond, the ball is looked for near it, and within three standard deviations of

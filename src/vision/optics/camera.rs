@@ -272,6 +272,14 @@ impl BallView {
         Matrix2x3::new(1.0, 0.0, u, 0.0, 1.0, v)
     }
 
+    /// A point of the outline in the image, by its angle in the view frame.
+    pub(crate) fn limb(&self, angle: f64) -> Pixel {
+        let depth = self.horizon();
+        let aside = (1.0 - depth * depth).sqrt();
+        let (s, c) = angle.sin_cos();
+        self.project(&Vec3::new(aside * c, aside * s, depth))
+    }
+
     /// Where a direction (unit vector, view frame) lies in the image, seen or not.
     pub fn project(&self, direction: &Vec3) -> Pixel {
         let BallCircle { center, radius, .. } = self.circle;

@@ -11,7 +11,6 @@ use nalgebra::{Matrix2, Matrix2x3, SVector, Vector2};
 
 use super::camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
 use crate::fit::Sums;
-use crate::geometry::Vec3;
 
 /// Points of an outline.
 const POINTS: usize = 24;
@@ -101,12 +100,9 @@ fn polygon(rim: &[Vector2<f64>; POINTS], step: usize) -> (f64, Vector2<f64>) {
 
 /// The points of an outline, pixels from where the ball's center is seen.
 fn rim(view: &BallView) -> [Vector2<f64>; POINTS] {
-    let depth = view.horizon();
-    let aside = (1.0 - depth * depth).sqrt();
     let center = view.circle().center;
     std::array::from_fn(|k| {
-        let (s, c) = (std::f64::consts::TAU * k as f64 / POINTS as f64).sin_cos();
-        let at = view.project(&Vec3::new(aside * c, aside * s, depth));
+        let at = view.limb(std::f64::consts::TAU * k as f64 / POINTS as f64);
         Vector2::new(at.u - center.u, at.v - center.v)
     })
 }

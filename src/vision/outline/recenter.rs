@@ -278,7 +278,8 @@ impl Recentering {
         Some(Recentered { camera, circle })
     }
 
-    /// Makes the virtual image of a ball off the axis, and corrects its outline, by its edges where these were found. `contrast` is the color contrast, where the outline was looked for in it as well.
+    /// Makes the virtual image of a ball off the axis, and corrects its outline, by its edges where these were found. `contrast` is the color
+    /// contrast, where the outline was looked for in it as well.
     /// `None` where the ball is on the axis: then nothing is changed.
     pub fn recenter(
         &mut self,

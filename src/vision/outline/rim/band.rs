@@ -10,7 +10,6 @@ use super::chain::{BY_PIXEL, KNOTS, LIGHTS, LimbChain};
 use super::limb::{LimbLight, LimbTable, TERMS};
 use super::state::{LONGEST, LOSS, LimbState};
 use crate::fit::{FourPixels, LanePixels, LaneSums, Sums};
-use crate::geometry::Vec3;
 use crate::image::GrayImage;
 use crate::vision::dots::cap::Tone;
 use crate::vision::optics::ball_pixels::BallPixels;
@@ -192,12 +191,7 @@ fn mean(gray: &GrayImage, [left, top]: [usize; 2], side: usize) -> f64 {
 
 /// The knot of the rim at an angle of the view frame.
 fn knot_at(view: &BallView, angle: f64) -> Option<Knot> {
-    let out = (1.0 - view.horizon().powi(2)).sqrt();
-    let at = view.project(&Vec3::new(
-        out * angle.cos(),
-        out * angle.sin(),
-        view.horizon(),
-    ));
+    let at = view.limb(angle);
     let radii = |du: f64, dv: f64| {
         let pixel = Pixel {
             u: at.u + du,

@@ -307,6 +307,15 @@ mod tests {
 
     /// A ball before a dark background, lit by a lamp, as a camera stores it. Its outline is drawn out by so much along u.
     fn drawn(circle: &BallCircle, lamp: Vec3, stretch_px: f64) -> GrayImage {
+        drawn_by(circle, (lamp, [0.15, 0.4]), stretch_px)
+    }
+
+    /// The same by the light that all of it has, and the lamp's.
+    fn drawn_by(
+        circle: &BallCircle,
+        (lamp, [even, lit]): (Vec3, [f64; 2]),
+        stretch_px: f64,
+    ) -> GrayImage {
         let lamp = lamp.normalize();
         let light = |u: f64, v: f64| {
             let (du, dv) = (u - circle.center.u, v - circle.center.v);
@@ -318,7 +327,7 @@ mod tests {
                 return 0.04;
             }
             let toward = Vec3::new(du / radius, -dv / radius, z.sqrt());
-            0.15 + 0.4 * toward.dot(&lamp).max(0.0)
+            even + lit * toward.dot(&lamp).max(0.0)
         };
         // Places within the blur, a third of its deviation apart.
         let near: Vec<[f64; 2]> = (-9..=9)
@@ -376,6 +385,18 @@ mod tests {
                     assert!(left.z.abs() < 0.2, "{off} {shape:?}: {left}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn an_outline_in_even_light_is_exact() {
+        let image = drawn_by(&CIRCLE, (Vec3::new(0.6, 0.3, 0.75), [0.29, 0.3]), 0.0);
+        for off in [[0.0, 0.0, 0.0], [0.3, -0.2, 0.4], [-0.4, 0.1, -0.5]] {
+            let off = Vec3::from(off);
+            let fit = fitted(&image, moved(&CIRCLE, &off), RimShape::AsViewed).expect("a rim");
+            let left = fit.change + off;
+            assert!(left.xy().amax() < 0.03, "{off}: {left}");
+            assert!(left.z.abs() < 0.1, "{off}: {left}");
         }
     }
 
