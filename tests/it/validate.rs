@@ -48,7 +48,7 @@ fn without_noise_every_view_is_identified() {
 #[test]
 fn views_with_too_few_dots_are_counted_apart() {
     // Four dots on one side: from the other side nothing is seen.
-    let pattern = Pattern::read_csv(&four_dots()).expect("pattern");
+    let pattern = four_dots();
     let name = ProtocolName::Sparse;
     let trials = Trials::first(&pattern, name.view(), 1, 1000);
     let v = validate(&trials, name).expect("valid");
@@ -68,7 +68,7 @@ fn views_with_too_few_dots_are_counted_apart() {
 #[test]
 fn false_dots_make_no_view_of_too_few_real_ones() {
     // From behind, the two false dots and at most one of the pattern's are seen.
-    let pattern = Pattern::read_csv(&four_dots()).expect("pattern");
+    let pattern = four_dots();
     let name = ProtocolName::Clutter;
     let trials = Trials::first(&pattern, name.view(), 3, 1000);
     let mut generator = trials.generator();
@@ -86,14 +86,9 @@ fn false_dots_make_no_view_of_too_few_real_ones() {
     assert_eq!(frames.len() as u64, 1000 - too_few);
 }
 
-fn four_dots() -> std::path::PathBuf {
-    let path = std::env::temp_dir().join(format!(
-        "spindoe-four-{}-{:?}.csv",
-        std::process::id(),
-        std::thread::current().id()
-    ));
-    std::fs::write(&path, "x,y,z\n0,0,1\n0,0.6,0.8\n0.6,0,0.8\n-0.28,0,0.96\n").expect("written");
-    path
+fn four_dots() -> Pattern {
+    let csv = b"x,y,z\n0,0,1\n0,0.6,0.8\n0.6,0,0.8\n-0.28,0,0.96\n";
+    Pattern::from_csv(std::path::Path::new("four.csv"), csv).expect("pattern")
 }
 
 #[test]

@@ -78,8 +78,6 @@ const RIM: (f64, f64) = (2.0, 0.5);
 const FIRST_VARIANCE: f64 = 1e-3;
 /// The least variance: what is exact to the last digit of a byte is not more exact than that.
 const LEAST_VARIANCE: f64 = 1e-8;
-/// Variance of the tone curve's bend from dot to dot: what else makes an edge uneven.
-const TONE_DRIFT: f64 = 1e-3;
 
 /// Number of unknowns of a cap.
 const UNKNOWNS: usize = 9;
@@ -203,7 +201,7 @@ impl CapFitter {
                     shape,
                     variance: now.variance,
                 });
-                return judged(pixels.view, &state, &tangents, &now);
+                return judged(pixels.view, &state, &tangents, &now, &shape);
             }
             variance = Some(now.variance);
         }
@@ -404,6 +402,7 @@ fn judged(
     state: &DiscState,
     tangents: &[Vec3; 2],
     fit: &CapEquations<UNKNOWNS>,
+    before: &CapShape,
 ) -> Option<Cap> {
     let stored = |light: f64| Tone::shown(state.bend, light.max(DARKEST)).0;
     let contrast = stored(state.light) - stored(state.light * (1.0 - state.ink));
@@ -418,10 +417,9 @@ fn judged(
     let of_blur = BLUR_ERROR * state.blur * facing.powf(-LIMB_POWER);
     let of_pixel = to_pixel * of_middle * to_pixel.transpose()
         + Matrix2::from_diagonal_element(MODEL_ERROR.1.powi(2) + of_blur.powi(2));
-    let tone = Tone {
-        bend: state.bend,
-        variance: covariance[(SHAPE[2], SHAPE[2])] + TONE_DRIFT,
-    };
+    let tone = before
+        .tone
+        .after_dot(state.bend, covariance[(SHAPE[2], SHAPE[2])]);
     Some(Cap {
         pixel: view.project(&state.middle),
         covariance: 0.5 * (of_pixel + of_pixel.transpose()),

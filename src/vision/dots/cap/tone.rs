@@ -11,6 +11,9 @@ const SPREAD: [[f64; 2]; 2] = [[1.0, 1.0], [0.15, 0.25]];
 /// The blur's deviation that a fit starts from: pixels, or this part of the ball's radius where that is more.
 const BLUR: (f64, f64) = (0.7, 0.02);
 
+/// Standard deviation of the bend that a dot's edge shows beside the tone curve's: ink and turning make edges uneven, too.
+const DOT_ERROR: f64 = 0.3;
+
 /// What is known of the tone curve: the bend `q`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tone {
@@ -35,6 +38,22 @@ impl Tone {
         Self {
             bend: 1.0,
             variance: 0.01,
+        }
+    }
+
+    /// What is known after a dot whose fit, from this, ended at a bend of a variance.
+    pub fn after_dot(&self, bend: f64, variance: f64) -> Self {
+        let gained = variance.recip() - self.variance.recip();
+        if gained.is_nan() || gained <= 0.0 {
+            return *self;
+        }
+        // What the dot alone says.
+        let own = gained.recip();
+        let measured = self.bend + (bend - self.bend) * (self.variance + own) / self.variance;
+        let gain = self.variance / (self.variance + own + DOT_ERROR * DOT_ERROR);
+        Self {
+            bend: (self.bend + gain * (measured - self.bend)).clamp(0.0, 1.0),
+            variance: (1.0 - gain) * self.variance,
         }
     }
 
@@ -107,5 +126,29 @@ impl CapShape {
             (self.blur, (of_blur * self.blur).powi(2)),
             (self.tone.bend, self.tone.variance),
         ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_dot_counts_by_what_it_alone_says() {
+        let before = Tone::default();
+        // A dot that says 0.1 with a deviation of 0.2, as a fit from `before` ends.
+        let (own, said) = (0.04, 0.1);
+        let ended = (before.bend / before.variance + said / own)
+            / (before.variance.recip() + f64::recip(own));
+        let variance = (before.variance.recip() + f64::recip(own)).recip();
+        let after = before.after_dot(ended, variance);
+        let counted: f64 = own + DOT_ERROR * DOT_ERROR;
+        let expected = (before.variance.recip() + counted.recip()).recip();
+        assert!((after.variance - expected).abs() < 1e-12);
+        let bend = expected * (before.bend / before.variance + said / counted);
+        assert!((after.bend - bend).abs() < 1e-12);
+        // One that says nothing changes nothing.
+        let same = before.after_dot(0.2, before.variance);
+        assert_eq!((same.bend, same.variance), (before.bend, before.variance));
     }
 }

@@ -109,6 +109,18 @@ impl LimbChain {
         }
     }
 
+    /// Adds that the ball's light is not negative, by this weight where it is: none leaves its limb where that with what is behind it is less than none.
+    pub fn lit(&mut self, light: &[SVector<f64, LIGHTS>; KNOTS], weight: f64) {
+        let limb = SVector::<f64, LIGHTS>::from([1.0, 1.0, 0.0, 0.0]);
+        for (knot, light) in light.iter().enumerate() {
+            let lit = limb.dot(light);
+            if lit < 0.0 {
+                self.own[knot] += limb * limb.transpose() * weight;
+                self.gradient[knot] -= limb * (lit * weight);
+            }
+        }
+    }
+
     /// Adds what is known of a shared unknown.
     pub fn hold(&mut self, at: usize, off: f64, weight: f64) {
         self.of_shared[(at, at)] += weight;
@@ -317,5 +329,27 @@ mod tests {
         let LimbStep { lights, shared, .. } = ends.light_step().expect("a step");
         assert!((lights[3][1] - all[3 * LIGHTS + 1]).abs() < 1e-9);
         assert_eq!(shared.norm(), 0.0);
+    }
+
+    #[test]
+    fn no_light_is_negative() {
+        // Pixels ask for none; two knots have less, one of them no less than what is behind it.
+        let mut light = [SVector::from([0.2, 0.3, 0.0, 0.0]); KNOTS];
+        light[3][1] = -0.5;
+        light[9][1] = -0.1;
+        let mut chain = LimbChain::default();
+        chain.smooth(&light, 1e-6, 1e-6);
+        for knot in 0..KNOTS {
+            chain.own[knot] += Knot::identity();
+        }
+        (0..SHARED).for_each(|k| chain.hold(k, 0.0, 1.0));
+        chain.lit(&light, 1e6);
+        let step = chain.ends().and_then(|ends| ends.light_step());
+        let lights = step.expect("a step").lights;
+        let limb = |knot: usize| (light[knot] + lights[knot]).rows(0, 2).sum();
+        assert!(limb(3).abs() < 1e-5, "{}", limb(3));
+        for other in [0, 2, 4, 9, 15] {
+            assert!(lights[other].amax() < 1e-5, "{other}: {}", lights[other]);
+        }
     }
 }

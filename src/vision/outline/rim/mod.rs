@@ -7,7 +7,7 @@
 //! light = l0(a) + E_n [ (l1(a) + l2(a) z + l3(a) z^2) (1 - p (1 - z)^5), x + s n > 0 ],   n ~ N(0, 1),   z = z(x + s n)
 //! ```
 //!
-//! with the facing `z` of the surface at that depth ([`limb`]). The lights `l` are known at knots around the rim, linear between them, and no more
+//! with the facing `z` of the surface at that depth ([`limb`]): a grazing surface mirrors what is behind the ball. No light is negative. The lights `l` are known at knots around the rim, linear between them, and no more
 //! uneven than the pixels ask for; the outline's center and radius, `s` and the darkening `p` are one for all of it. So neither the tone curve, which makes a
 //! bright ball larger, nor shading, which makes its dark side smaller, moves the outline, and a side that fades into the wall is bound by the others.
 //! All are fitted together, Gauss-Newton with the weights of Student's distribution, so that a shadow, print or a hand counts little; dots are left out.
@@ -49,6 +49,8 @@ const SHARP: f64 = 1.0;
 /// Standard deviation of the light from a knot to the next, of the ball's light; of what is not even, that over the root of the second.
 const UNEVEN: f64 = 0.4;
 const NOT_EVEN: f64 = 0.3;
+/// Standard deviation of a negative light, of the ball's light: there is none.
+const NEGATIVE: f64 = 0.03;
 /// The noise that the first step supposes, of the ball's light.
 const FIRST_NOISE: f64 = 0.02;
 /// The least variance of the values: that of what is rounded to a byte.
@@ -271,6 +273,7 @@ impl RimFitter {
             };
             let alike = noise / (UNEVEN * scale).powi(2);
             chain.smooth(&state.light, alike, NOT_EVEN * alike);
+            chain.lit(&state.light, noise / (NEGATIVE * scale).powi(2));
             ball.hold(&state, &mut chain, noise);
             let ends = chain.ends()?;
             let step = match round < begun {
