@@ -11,6 +11,7 @@ use crate::geometry::{Rotation, Vec3};
 use crate::stats::median;
 use crate::surface::{ExpectedDot, FoundDot, PaintedFrame, find_dots};
 use crate::vision::frame::config::CameraModel;
+use crate::vision::frame::estimate::PrincipalPointPrior;
 use crate::vision::frame::outline::Outline;
 
 /// A view faces a dot well enough for its pixels to be looked at from this depth on, and its radius, radians, more: of a dot at the limb a part is out
@@ -30,6 +31,8 @@ pub(super) struct PosedFrame<'a> {
     pub paint: &'a PaintedFrame,
     pub view: FrameView,
     pub outline: Outline,
+    /// Where its picture expects the camera's axis.
+    pub axis: Option<PrincipalPointPrior>,
     /// The dots' frame to that of the orientations.
     pub rotation: Rotation,
     pub time_s: Option<f64>,
@@ -184,6 +187,7 @@ fn observed<'a>(
             rotation: frame.rotation,
             circle: *frame.view.view.circle(),
             outline: frame.outline,
+            axis: frame.axis,
             observations,
         }
     };

@@ -256,6 +256,7 @@ impl<'a> Rounds<'a> {
                 rotation: pose.rotation,
                 circle,
                 outline,
+                axis: frame.axis,
                 observations,
             });
         }

@@ -9,16 +9,21 @@
 //!   which no turn of the ball and no other outline explains;
 //! - the outlines' common error `(b_u, b_v, b_r)`: light from one side shifts every outline alike.
 //!
+//! Crops follow the ball: they see it by the same angle from the axis. In whole pictures the axis stays and the ball moves: at `p` the angle's tangents are
+//! `a + (p - q) / f` with the balls' mean place `q`, and the axis is near the picture's middle.
+//!
 //! The projection is that of a pinhole with these. Orientations are those in the view frame, whose z
 //! points from the ball to the camera ([`BallView`]): the ball's place in the image is no part of them.
 
-use nalgebra::{Matrix2x3, Vector2};
+use nalgebra::{Matrix3, SVector, Vector2};
 
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::frame::config::CameraModel;
+use crate::vision::frame::estimate::PrincipalPointPrior;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
+use crate::vision::optics::oval::of_circle;
 
-/// Expected tangent of the angle between the camera's axis and the ball, per axis: balls stand anywhere
+/// Expected tangent of the angle between the camera's axis and the ball, per axis, where only crops are seen: balls stand anywhere
 /// in the inner half of a view of 50 degrees.
 const AXIS_SIGMA: f64 = 0.1;
 /// Smallest one over the focal length, in ball radii: parallel rays for every purpose.
@@ -49,12 +54,43 @@ enum Optics {
     Known(Camera),
     Unknown {
         inverse_focal: f64,
+        /// At the balls' mean place.
         axis: Vector2<f64>,
+        /// Its standard deviation before the fit.
+        axis_sigma: f64,
+        place: Option<PicturePlace>,
         expected: f64,
         sigma: f64,
         /// Where rays count as parallel: the bound of `inverse_focal`.
         parallel: f64,
     },
+}
+
+/// Where the balls of whole pictures are seen, pixels.
+#[derive(Debug, Clone, Copy)]
+struct PicturePlace {
+    mean: Vector2<f64>,
+    /// From where the axis is expected to the mean, and the deviation of that.
+    off: Vector2<f64>,
+    sigma_px: f64,
+}
+
+impl PicturePlace {
+    /// Of balls at this mean place.
+    fn new(mean: Vector2<f64>, axis: &PrincipalPointPrior) -> Self {
+        Self {
+            mean,
+            off: mean - Vector2::new(axis.middle.u, axis.middle.v),
+            sigma_px: axis.sigma_px,
+        }
+    }
+}
+
+/// What is known beforehand of the shared unknowns: by each of them, how far that is off, and its information.
+pub(super) struct SharedPrior {
+    pub by_shared: SVector<f64, SHARED>,
+    pub off: f64,
+    pub information: f64,
 }
 
 /// A frame as the camera sees it.
@@ -104,17 +140,27 @@ impl Neighbors {
 }
 
 impl SharedCamera {
-    /// What is known before the fit of a camera that sees balls of this mean radius (pixels), with
-    /// outlines of these mean variances.
-    pub fn new(model: &CameraModel, radius: f64, outline_variances: Vec3) -> Self {
+    /// What is known before the fit of a camera that sees balls with this mean outline, whose variances are these on average. `axis` is where whole
+    /// pictures expect the camera's axis.
+    pub fn new(
+        model: &CameraModel,
+        mean: &BallCircle,
+        outline_variances: Vec3,
+        axis: Option<&PrincipalPointPrior>,
+    ) -> Self {
+        let radius = mean.radius;
         let optics = match *model {
             CameraModel::Known(camera) => Optics::Known(camera),
             CameraModel::Unknown(prior) => {
                 let k = prior.inverse_distance;
                 let expected = k / (radius * (1.0 - k * k).sqrt());
+                let at = Vector2::new(mean.center.u, mean.center.v);
+                let place = axis.map(|axis| PicturePlace::new(at, axis));
                 Optics::Unknown {
                     inverse_focal: expected,
-                    axis: Vector2::zeros(),
+                    axis: place.map_or_else(Vector2::zeros, |place| place.off * expected),
+                    axis_sigma: place.map_or(AXIS_SIGMA, |place| place.sigma_px * expected),
+                    place,
                     expected,
                     sigma: prior.sigma / radius,
                     // Above the bound for every frame, whose radii are not all the mean.
@@ -169,11 +215,8 @@ impl SharedCamera {
     fn of(&self, circle: &BallCircle) -> Camera {
         match self.optics {
             Optics::Known(camera) => camera,
-            Optics::Unknown {
-                inverse_focal,
-                axis,
-                ..
-            } => {
+            Optics::Unknown { inverse_focal, .. } => {
+                let axis = self.axis_at(circle);
                 let [min, max] = [MIN_INVERSE_DISTANCE, CameraModel::MAX_INVERSE_DISTANCE];
                 let focal = circle.radius / (inverse_focal * circle.radius).clamp(min, max);
                 // The radius is that of the ray to the center, at its length: see BallView::new.
@@ -187,34 +230,79 @@ impl SharedCamera {
         }
     }
 
-    /// Where the outline's center lies from where the ball's center is seen, pixels: the ellipse of an
-    /// off-axis ball lies farther out by the share `tan^2` of the ball's half angle.
-    pub fn ellipse_shift(&self, circle: &BallCircle) -> Vector2<f64> {
+    /// Zero where the camera is known.
+    fn inverse_focal(&self) -> f64 {
         match self.optics {
-            Optics::Known(_) => Vector2::zeros(),
-            Optics::Unknown {
-                inverse_focal,
-                axis,
-                ..
-            } => axis * (circle.radius * circle.radius * inverse_focal),
+            Optics::Known(_) => 0.0,
+            Optics::Unknown { inverse_focal, .. } => inverse_focal,
         }
     }
 
-    /// Derivatives of [`ellipse_shift`](Self::ellipse_shift) by the shared optics and by the radius.
-    pub fn ellipse_shift_derivatives(&self, circle: &BallCircle) -> (Matrix2x3<f64>, Vector2<f64>) {
+    /// The tangents of the angles between the axis and a ball, where they are not known.
+    fn axis_at(&self, circle: &BallCircle) -> Vector2<f64> {
+        let Optics::Unknown {
+            inverse_focal,
+            axis,
+            place,
+            ..
+        } = self.optics
+        else {
+            return Vector2::zeros();
+        };
+        let at = Vector2::new(circle.center.u, circle.center.v);
+        axis + place.map_or_else(Vector2::zeros, |place| (at - place.mean) * inverse_focal)
+    }
+
+    /// From a ball's circle to its outline: where its center lies from where the ball's center is seen, and by how much the mean of its half axes is
+    /// more than the radius, pixels. The ellipse of an off-axis ball lies farther out by the share `tan^2` of the ball's half angle, and is drawn out.
+    pub fn to_outline(&self, circle: &BallCircle) -> Vec3 {
+        let axis = self.axis_at(circle);
+        let shift = axis * (circle.radius * circle.radius * self.inverse_focal());
+        let growth = (1.0 + axis.norm_squared()).sqrt().sqrt();
+        Vec3::new(shift.x, shift.y, circle.radius * (growth - 1.0))
+    }
+
+    /// What is compared with that: the mean of an outline's half axes, or the radius that a known camera has found.
+    pub fn mean_radius(&self, found: &BallCircle) -> f64 {
+        match self.optics {
+            Optics::Known(_) => found.radius,
+            Optics::Unknown { .. } => found.radius * of_circle(&found.eccentricity).0,
+        }
+    }
+
+    /// Derivatives of [`to_outline`](Self::to_outline) by the shared optics and by the radius.
+    pub fn to_outline_derivatives(&self, circle: &BallCircle) -> (Matrix3<f64>, Vec3) {
         let Optics::Unknown {
             inverse_focal,
             axis,
             ..
         } = self.optics
         else {
-            return (Matrix2x3::zeros(), Vector2::zeros());
+            return (Matrix3::zeros(), Vec3::zeros());
         };
         let square = circle.radius * circle.radius;
-        let by_axis = square * inverse_focal;
-        let by_optics =
-            Matrix2x3::new(axis.x * square, by_axis, 0.0, axis.y * square, 0.0, by_axis);
-        (by_optics, axis * (2.0 * circle.radius * inverse_focal))
+        let now = self.axis_at(circle);
+        // By the focal length the axis moves where the ball is off its mean place.
+        let axis_by_focal = (now - axis) / inverse_focal;
+        let of_shift = square * inverse_focal;
+        let shift_by_focal = now * square + axis_by_focal * of_shift;
+        let grown = (1.0 + now.norm_squared()).sqrt().sqrt();
+        let by_axis = now * (0.5 * circle.radius / grown.powi(3));
+        let growth_by_focal = by_axis.dot(&axis_by_focal);
+        let by_optics = Matrix3::new(
+            shift_by_focal.x,
+            of_shift,
+            0.0,
+            shift_by_focal.y,
+            0.0,
+            of_shift,
+            growth_by_focal,
+            by_axis.x,
+            by_axis.y,
+        );
+        let shift_by_radius = now * (2.0 * circle.radius * inverse_focal);
+        let by_radius = Vec3::new(shift_by_radius.x, shift_by_radius.y, grown - 1.0);
+        (by_optics, by_radius)
     }
 
     /// The camera after a change.
@@ -247,28 +335,51 @@ impl SharedCamera {
         }
     }
 
-    /// Information of each shared unknown before the fit, and how far it lies off what is expected. A
-    /// known camera's optics are held.
-    pub fn prior(&self) -> [(f64, f64); SHARED] {
-        let mut prior = [(1.0, 0.0); SHARED];
+    /// What is known of the shared unknowns before the fit. A known camera's optics are held.
+    pub fn prior(&self) -> [SharedPrior; SHARED] {
+        let mut prior: [SharedPrior; SHARED] = std::array::from_fn(|i| SharedPrior {
+            by_shared: SVector::ith(i, 1.0),
+            off: 0.0,
+            information: 1.0,
+        });
         if let Optics::Unknown {
             inverse_focal,
             axis,
+            axis_sigma,
+            place,
             expected,
             sigma,
             ..
         } = self.optics
         {
-            prior[0] = (sigma.powi(-2), inverse_focal - expected);
-
-            prior[1] = (AXIS_SIGMA.powi(-2), axis.x);
-            prior[2] = (AXIS_SIGMA.powi(-2), axis.y);
+            prior[0].information = sigma.powi(-2);
+            prior[0].off = inverse_focal - expected;
+            let off = place.map_or_else(Vector2::zeros, |place| place.off);
+            for k in 0..2 {
+                let of_axis = &mut prior[1 + k];
+                of_axis.by_shared[0] = -off[k];
+                of_axis.off = axis[k] - off[k] * inverse_focal;
+                of_axis.information = axis_sigma.powi(-2);
+            }
         }
         for i in 0..3 {
-            let sigma = self.outline_sigma[i];
-            prior[OPTICS + i] = (sigma.powi(-2), self.outline_bias[i]);
+            prior[OPTICS + i].information = self.outline_sigma[i].powi(-2);
+            prior[OPTICS + i].off = self.outline_bias[i];
         }
         prior
+    }
+
+    /// Sets how well the axis is known beforehand to what the picture says at the focal length that was found.
+    pub fn settle(&mut self) {
+        if let Optics::Unknown {
+            inverse_focal,
+            axis_sigma,
+            place: Some(place),
+            ..
+        } = &mut self.optics
+        {
+            *axis_sigma = place.sigma_px * *inverse_focal;
+        }
     }
 
     /// Ball radii over the camera's distance for a ball of this radius in pixels; `None` where the
@@ -286,6 +397,81 @@ impl SharedCamera {
         match self.optics {
             Optics::Known(_) => None,
             Optics::Unknown { axis, .. } => Some(axis.norm().atan()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::vision::EstimatorConfig;
+
+    const MEAN: BallCircle = BallCircle::new(
+        Pixel {
+            u: 1170.0,
+            v: 890.0,
+        },
+        28.0,
+    );
+
+    /// A camera that is not known, and stands somewhere.
+    fn somewhere(axis: Option<&PrincipalPointPrior>) -> SharedCamera {
+        let model = EstimatorConfig::default().camera;
+        let camera = SharedCamera::new(&model, &MEAN, Vec3::repeat(0.01), axis);
+        camera.moved(&[-1e-3, 0.3, 0.2], &Vec3::new(0.1, 0.0, -0.1))
+    }
+
+    fn of_picture() -> PrincipalPointPrior {
+        PrincipalPointPrior::of_picture(1280, 1024, &MEAN).expect("whole")
+    }
+
+    #[test]
+    fn the_derivatives_of_an_outline_are_those_of_differences() {
+        let circle = BallCircle::new(
+            Pixel {
+                u: 1130.0,
+                v: 930.0,
+            },
+            26.0,
+        );
+        for axis in [None, Some(of_picture())] {
+            let camera = somewhere(axis.as_ref());
+            let (by_optics, by_radius) = camera.to_outline_derivatives(&circle);
+            for (k, step) in [1e-8, 1e-5, 1e-5].into_iter().enumerate() {
+                let by = |step: f64| {
+                    let mut change = [0.0; OPTICS];
+                    change[k] = step;
+                    let moved = camera.moved(&change, &Vec3::zeros());
+                    moved.to_outline(&circle)
+                };
+                let found = (by(step) - by(-step)) / (2.0 * step);
+                let off = found - by_optics.column(k);
+                assert!(off.norm() < 1e-5 * (1.0 + found.norm()), "{k}: {off}");
+            }
+            let by = |step: f64| {
+                let radius = circle.radius + step;
+                camera.to_outline(&BallCircle { radius, ..circle })
+            };
+            let found = (by(1e-4) - by(-1e-4)) / 2e-4;
+            assert!((found - by_radius).norm() < 1e-6, "{found} {by_radius}");
+        }
+    }
+
+    #[test]
+    fn the_axis_of_a_picture_is_expected_near_its_middle() {
+        let mut camera = somewhere(Some(&of_picture()));
+        camera.settle();
+        // Where the principal point is the middle, the axis is as expected at any focal length.
+        let off = Vector2::new(MEAN.center.u - 639.5, MEAN.center.v - 511.5);
+        let inverse_focal = camera.inverse_focal();
+        for (k, off) in [off.x, off.y].into_iter().enumerate() {
+            let prior = &camera.prior()[1 + k];
+            let axis = [0.3, 0.2][k] + off * (inverse_focal + 1e-3);
+            let expected = axis - off * inverse_focal;
+            assert!((prior.off - expected).abs() < 1e-12);
+            assert!((prior.by_shared[0] + off).abs() < 1e-12);
+            let sigma = 0.04 * 1280.0 * inverse_focal;
+            assert!((prior.information * sigma * sigma - 1.0).abs() < 1e-9);
         }
     }
 }

@@ -55,8 +55,8 @@ impl Bundle {
         for (dot, prior) in self.dots.iter().zip(&self.priors) {
             cost += 0.5 * (dot - prior.direction).norm_squared() / prior.sigma_rad.powi(2);
         }
-        for (information, off) in self.camera.prior() {
-            cost += 0.5 * information * off * off;
+        for known in self.camera.prior() {
+            cost += 0.5 * known.information * known.off * known.off;
         }
         if let Some(motion) = &self.motion {
             cost += motion.cost(&self.rotations(), &self.spins);
@@ -68,13 +68,13 @@ impl Bundle {
         self.frames.iter().map(|f| f.rotation).collect()
     }
 
-    /// From the outline as found to the outline as it is seen: center and radius.
+    /// From the outline as found to the outline as it is seen: center and mean of the half axes.
     fn outline_offset(&self, frame: &BundleFrame) -> Vec3 {
         let found = &frame.outline.circle;
-        let moved =
-            offset(frame.circle.center, found.center) + self.camera.ellipse_shift(&frame.circle);
-        let grown = frame.circle.radius - found.radius;
-        Vec3::new(moved.x, moved.y, grown) + self.camera.outline_bias
+        let moved = offset(frame.circle.center, found.center);
+        let grown = frame.circle.radius - self.camera.mean_radius(found);
+        let to_outline = self.camera.to_outline(&frame.circle);
+        Vec3::new(moved.x, moved.y, grown) + to_outline + self.camera.outline_bias
     }
 
     /// The axes of the dots' coordinates.
@@ -190,18 +190,16 @@ impl Bundle {
 
     /// Derivatives of [`outline_offset`](Self::outline_offset) by the frame's unknowns and the shared.
     fn outline_derivatives(&self, frame: &BundleFrame) -> (SMatrix<f64, 3, BLOCK>, Matrix3x6<f64>) {
-        let (by_optics, by_radius) = self.camera.ellipse_shift_derivatives(&frame.circle);
+        let (by_optics, by_radius) = self.camera.to_outline_derivatives(&frame.circle);
         let mut of_outline = Matrix3::identity();
-        of_outline
-            .fixed_view_mut::<2, 1>(0, 2)
-            .copy_from(&by_radius);
+        of_outline.set_column(2, &(Vec3::z() + by_radius));
         let mut of_frame = SMatrix::<f64, 3, BLOCK>::zeros();
         of_frame
             .fixed_view_mut::<3, 3>(0, OUTLINE)
             .copy_from(&of_outline);
         let mut by_shared = Matrix3x6::zeros();
         by_shared
-            .fixed_view_mut::<2, OPTICS>(0, 0)
+            .fixed_view_mut::<3, OPTICS>(0, 0)
             .copy_from(&by_optics);
         let mut of_bias = by_shared.fixed_view_mut::<3, 3>(0, OPTICS);
         of_bias.fill_with_identity();
@@ -297,10 +295,13 @@ impl Bundle {
             let mut corner = equations.corner.view_mut((0, 0), (shared, shared));
             corner.gemm_tr(stiffness, &gauge, &gauge, 1.0);
         }
-        for (i, (information, off)) in self.camera.prior().into_iter().enumerate() {
-            let at = shared + i;
-            equations.corner[(at, at)] += information;
-            equations.corner_gradient[at] -= information * off;
+        for known in self.camera.prior() {
+            let weighted = known.by_shared * known.information;
+            let corner = &mut equations.corner;
+            let mut own = corner.fixed_view_mut::<SHARED, SHARED>(shared, shared);
+            own += weighted * known.by_shared.transpose();
+            let mut gradient = equations.corner_gradient.fixed_rows_mut::<SHARED>(shared);
+            gradient -= weighted * known.off;
         }
         if let Some(motion) = &self.motion {
             motion.add_to(equations, &self.rotations(), &self.spins);

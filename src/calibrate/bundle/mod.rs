@@ -40,6 +40,7 @@ use nalgebra::{Matrix2, Matrix3, Matrix6, Vector2};
 use crate::fit::{DampedDescent, Damping, Student};
 use crate::geometry::{Rotation, Vec3, kabsch, tangent_frame};
 use crate::vision::frame::config::CameraModel;
+use crate::vision::frame::estimate::PrincipalPointPrior;
 use crate::vision::frame::outline::Outline;
 use crate::vision::optics::camera::{BallCircle, Pixel};
 use camera::{OPTICS, SHARED, SharedCamera};
@@ -129,6 +130,8 @@ pub(super) struct BundleFrame {
     /// The outline as it is now, and as it was found.
     pub circle: BallCircle,
     pub outline: Outline,
+    /// Where its picture expects the camera's axis.
+    pub axis: Option<PrincipalPointPrior>,
     pub observations: Vec<Observation>,
 }
 
@@ -158,14 +161,17 @@ impl Bundle {
     /// The problem of these dots, seen by one camera.
     pub fn new(priors: Vec<DotPrior>, frames: Vec<BundleFrame>, camera: &CameraModel) -> Self {
         let dots = priors.iter().map(|p| p.direction).collect();
-        let radius =
-            frames.iter().map(|f| f.circle.radius).sum::<f64>() / frames.len().max(1) as f64;
-        let variances: Vec3 = frames
-            .iter()
-            .map(|f| f.outline.covariance.diagonal())
-            .sum::<Vec3>()
-            / frames.len().max(1) as f64;
-        let camera = SharedCamera::new(camera, radius, variances);
+        let count = frames.len().max(1) as f64;
+        let mean = |of: fn(&BundleFrame) -> Vec3| frames.iter().map(of).sum::<Vec3>() / count;
+        let outline = mean(|f| Vec3::new(f.circle.center.u, f.circle.center.v, f.circle.radius));
+        let variances = mean(|f| f.outline.covariance.diagonal());
+        let center = Pixel {
+            u: outline.x,
+            v: outline.y,
+        };
+        let outline = BallCircle::new(center, outline.z);
+        let axis = frames.iter().find_map(|f| f.axis.as_ref());
+        let camera = SharedCamera::new(camera, &outline, variances, axis);
         let spins = vec![Vec3::zeros(); frames.len()];
         Self {
             priors,
@@ -362,8 +368,9 @@ impl Bundle {
         }
     }
 
-    /// Sets the scale of the noise to what the residuals say.
+    /// Sets the scale of the noise to what the residuals say, and what the axis' place says to the focal length.
     fn rescale(&mut self) {
+        self.camera.settle();
         let axes = self.axes();
         let seen = self.views().iter().filter(|v| **v > 0).count();
         let (mut sum, mut freedom) = (0.0, -2.0 * seen as f64);
@@ -458,4 +465,110 @@ impl DampedDescent for Linearized {
 /// From `b` to `a`, pixels.
 fn offset(a: Pixel, b: Pixel) -> Vector2<f64> {
     Vector2::new(a.u - b.u, a.v - b.v)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::geometry::angle_between;
+    use crate::vision::EstimatorConfig;
+    use crate::vision::optics::camera::{BallView, Camera, Intrinsics};
+    use crate::vision::optics::oval::of_circle;
+
+    const FOCAL: f64 = 1660.0;
+    const DISTANCE: f64 = 60.0;
+
+    /// The outline that an ellipse's fit finds of the ball that is seen at a pixel, and the ball's circle.
+    fn seen_at(center: Pixel) -> (BallCircle, BallView) {
+        let k = Intrinsics::pinhole(FOCAL, FOCAL, 641.0, 510.0);
+        let off = Vector2::new(center.u - k.cx, center.v - k.cy) / FOCAL;
+        let ray = (1.0 + off.norm_squared()).sqrt();
+        let half = (1.0 / DISTANCE).asin();
+        let radius = FOCAL * ray * half.tan();
+        let view = BallView::new(&Camera::Perspective(k), BallCircle::new(center, radius));
+        // Ends of the ellipse along the axis, and half of it across: of the cone about the ball.
+        let angle = off.norm().atan();
+        let [near, far] = [-half, half].map(|by| FOCAL * (angle + by).tan());
+        let across = FOCAL * half.sin() / (angle.cos().powi(2) - half.sin().powi(2)).sqrt();
+        let along = 0.5 * (far - near);
+        let middle = off.normalize() * (0.5 * (far + near));
+        let at = Pixel {
+            u: k.cx + middle.x,
+            v: k.cy + middle.y,
+        };
+        let mut outline = BallCircle::new(at, across);
+        outline.eccentricity = off.normalize() * (1.0 - (across / along).powi(2)).sqrt();
+        (outline, view.expect("a view"))
+    }
+
+    /// A ball far off the axis crosses a picture whose camera nobody knows: exact projections give the dots where they are.
+    #[test]
+    fn dots_of_a_ball_in_the_corner_of_a_picture_are_where_they_are() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(6_412_001);
+        let spread = |k: usize, n: usize| {
+            let z = 1.0 - (2.0 * k as f64 + 1.0) / n as f64;
+            let turn = 2.4 * k as f64;
+            let aside = (1.0 - z * z).sqrt();
+            Vec3::new(aside * turn.cos(), aside * turn.sin(), z)
+        };
+        let dots: Vec<Vec3> = (0..14).map(|k| spread(k, 14)).collect();
+        let mut jitter = |sigma: f64| {
+            Rotation::from_scaled_axis(Vec3::from_fn(|_, _| rng.random_range(-sigma..sigma)))
+        };
+        let priors = dots.iter().map(|dot| DotPrior {
+            direction: jitter(0.03) * dot,
+            sigma_rad: 0.03,
+            designed: true,
+        });
+        let priors: Vec<DotPrior> = priors.collect();
+        let mut frames = Vec::new();
+        for k in 0..30 {
+            let center = Pixel {
+                u: 1210.0 - 4.0 * f64::from(k),
+                v: 940.0 - 4.0 * f64::from(k),
+            };
+            let (outline, view) = seen_at(center);
+            let rotation = Rotation::from_scaled_axis(Vec3::y() * (0.3 * f64::from(k)))
+                * Rotation::from_scaled_axis(Vec3::new(1.0, 0.2, 0.1) * (0.17 * f64::from(k)));
+            let turned = dots.iter().map(|dot| rotation * dot).enumerate();
+            let facing = turned.filter(|(_, d)| d.z > 0.35);
+            let observations = facing.map(|(dot, direction)| Observation {
+                dot,
+                pixel: view.project(&direction),
+                covariance: Matrix2::identity() * 0.01,
+            });
+            let observations = observations.collect();
+            let axis = PrincipalPointPrior::of_picture(1280, 1024, &outline);
+            // Some outlines are found as circles.
+            let round = BallCircle::new(
+                outline.center,
+                outline.radius * of_circle(&outline.eccentricity).0,
+            );
+            let found = if k % 3 == 0 { round } else { outline };
+            frames.push(BundleFrame {
+                time_s: None,
+                rotation: jitter(0.02) * rotation,
+                circle: found,
+                outline: Outline::given(found, Matrix3::from_diagonal_element(0.01)),
+                axis,
+                observations,
+            });
+        }
+        let mut bundle = Bundle::new(priors, frames, &EstimatorConfig::default().camera);
+        bundle.fit(false);
+        // What is expected of the distance counts, too.
+        let off = bundle.inverse_distance().expect("unknown") * DISTANCE - 1.0;
+        assert!(off.abs() < 0.15, "{off}");
+        let mut worst = 0.0f64;
+        for (i, a) in dots.iter().enumerate() {
+            for (j, b) in dots.iter().enumerate().take(i) {
+                let off = angle_between(&bundle.dots[i], &bundle.dots[j]) - angle_between(a, b);
+                worst = worst.max(off.abs().to_degrees());
+            }
+        }
+        assert!(worst < 0.02, "{worst}");
+    }
 }

@@ -154,6 +154,7 @@ fn landmarks(
             paint: &shown[fitted.index],
             view: fitted.view,
             outline: frame.outline?,
+            axis: frame.axis,
             rotation: fitted.rotation,
             time_s: times_s.map(|t| t[fitted.index]),
             detected: detected.collect(),

@@ -64,6 +64,7 @@ impl DotMap<'_> {
                 rotation,
                 circle: seen.outline.circle,
                 outline: seen.outline,
+                axis: self.estimates[seen.index].axis,
                 observations: self.detected(k),
             };
             Some((k, frame))
