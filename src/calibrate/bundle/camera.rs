@@ -9,23 +9,25 @@
 //!   which no turn of the ball and no other outline explains;
 //! - the outlines' common error `(b_u, b_v, b_r)`: light from one side shifts every outline alike.
 //!
-//! Crops follow the ball: they see it by the same angle from the axis. In whole pictures the axis stays and the ball moves: at `p` the angle's tangents are
+//! Crops follow the ball: they see it by the same angle from the axis, of which ellipses say more than that balls are near it. In whole pictures the axis stays and the ball moves: at `p` the angle's tangents are
 //! `a + (p - q) / f` with the balls' mean place `q`, and the axis is near the picture's middle.
 //!
 //! The projection is that of a pinhole with these. Orientations are those in the view frame, whose z
 //! points from the ball to the camera ([`BallView`]): the ball's place in the image is no part of them.
 
-use nalgebra::{Matrix3, SVector, Vector2};
+use nalgebra::{Matrix2, Matrix3, SVector, Vector2};
 
+use super::BundleFrame;
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::frame::config::CameraModel;
-use crate::vision::frame::estimate::PrincipalPointPrior;
 use crate::vision::optics::camera::{BallCircle, BallView, Camera, Intrinsics, Pixel};
 use crate::vision::optics::oval::of_circle;
 
 /// Expected tangent of the angle between the camera's axis and the ball, per axis, where only crops are seen: balls stand anywhere
 /// in the inner half of a view of 50 degrees.
 const AXIS_SIGMA: f64 = 0.1;
+/// The same of what most of their outlines show that are ellipses.
+const ELLIPSE_SIGMA: f64 = 0.05;
 /// Smallest one over the focal length, in ball radii: parallel rays for every purpose.
 const MIN_INVERSE_DISTANCE: f64 = 1e-4;
 /// Steps of the differences by the radius (a share of it) and by the axis.
@@ -56,9 +58,7 @@ enum Optics {
         inverse_focal: f64,
         /// At the balls' mean place.
         axis: Vector2<f64>,
-        /// Its standard deviation before the fit.
-        axis_sigma: f64,
-        place: Option<PicturePlace>,
+        known_axis: AxisPrior,
         expected: f64,
         sigma: f64,
         /// Where rays count as parallel: the bound of `inverse_focal`.
@@ -66,24 +66,72 @@ enum Optics {
     },
 }
 
-/// Where the balls of whole pictures are seen, pixels.
+/// What is known of the axis before the fit.
 #[derive(Debug, Clone, Copy)]
-struct PicturePlace {
-    mean: Vector2<f64>,
-    /// From where the axis is expected to the mean, and the deviation of that.
-    off: Vector2<f64>,
-    sigma_px: f64,
+enum AxisPrior {
+    /// Crops follow the ball: the tangents, and their standard deviation.
+    Crops { expected: Vector2<f64>, sigma: f64 },
+    /// Whole pictures: the balls' mean place, pixels, from where the axis is expected to there, and the deviation of that at the focal
+    /// length that was found last.
+    Pictures {
+        mean: Vector2<f64>,
+        off: Vector2<f64>,
+        sigma_px: f64,
+        sigma: f64,
+    },
 }
 
-impl PicturePlace {
-    /// Of balls at this mean place.
-    fn new(mean: Vector2<f64>, axis: &PrincipalPointPrior) -> Self {
-        Self {
-            mean,
-            off: mean - Vector2::new(axis.middle.u, axis.middle.v),
-            sigma_px: axis.sigma_px,
+impl AxisPrior {
+    /// Of balls with these outlines, on average `mean`.
+    fn new(mean: &BallCircle, frames: &[BundleFrame], inverse_focal: f64) -> Self {
+        let at = Vector2::new(mean.center.u, mean.center.v);
+        if let Some(axis) = frames.iter().find_map(|frame| frame.axis) {
+            return Self::Pictures {
+                mean: at,
+                off: at - Vector2::new(axis.middle.u, axis.middle.v),
+                sigma_px: axis.sigma_px,
+                sigma: axis.sigma_px * inverse_focal,
+            };
+        }
+        match drawn_out(frames) {
+            Some(expected) => Self::Crops {
+                expected,
+                sigma: ELLIPSE_SIGMA,
+            },
+            None => Self::Crops {
+                expected: Vector2::zeros(),
+                sigma: AXIS_SIGMA,
+            },
         }
     }
+
+    /// The tangents that are expected at a focal length, their rate by its inverse, and their deviation.
+    fn expected(&self, inverse_focal: f64) -> (Vector2<f64>, Vector2<f64>, f64) {
+        match *self {
+            Self::Crops { expected, sigma } => (expected, Vector2::zeros(), sigma),
+            Self::Pictures { off, sigma, .. } => (off * inverse_focal, off, sigma),
+        }
+    }
+}
+
+/// The tangents of the angles from the axis that the frames' ellipses show, where most outlines are ellipses and most of these lie to one side.
+fn drawn_out(frames: &[BundleFrame]) -> Option<Vector2<f64>> {
+    let ellipses = frames.iter().map(|f| f.outline.circle);
+    let ellipses = ellipses.filter(BallCircle::is_ellipse).map(|ellipse| {
+        let e = ellipse.eccentricity;
+        e / (1.0 - e.norm_squared()).sqrt()
+    });
+    let ellipses: Vec<Vector2<f64>> = ellipses.collect();
+    let all: Matrix2<f64> = ellipses.iter().map(|e| e * e.transpose()).sum();
+    let along = all.symmetric_eigen();
+    let along = along.eigenvectors.column(along.eigenvalues.imax());
+    // To which side of the axis the ball is, the dots have decided.
+    let side: f64 = ellipses.iter().map(|e| e.dot(&along).signum()).sum();
+    let is_clear = 2 * ellipses.len() > frames.len() && side.abs() > 0.5 * ellipses.len() as f64;
+    is_clear.then(|| {
+        let aligned = ellipses.iter().map(|e| e * (e.dot(&along) * side).signum());
+        aligned.sum::<Vector2<f64>>() / ellipses.len() as f64
+    })
 }
 
 /// What is known beforehand of the shared unknowns: by each of them, how far that is off, and its information.
@@ -140,27 +188,27 @@ impl Neighbors {
 }
 
 impl SharedCamera {
-    /// What is known before the fit of a camera that sees balls with this mean outline, whose variances are these on average. `axis` is where whole
-    /// pictures expect the camera's axis.
-    pub fn new(
-        model: &CameraModel,
-        mean: &BallCircle,
-        outline_variances: Vec3,
-        axis: Option<&PrincipalPointPrior>,
-    ) -> Self {
-        let radius = mean.radius;
+    /// What is known before the fit of a camera that sees balls in these frames.
+    pub fn new(model: &CameraModel, frames: &[BundleFrame]) -> Self {
+        let count = frames.len().max(1) as f64;
+        let mean = |of: fn(&BundleFrame) -> Vec3| frames.iter().map(of).sum::<Vec3>() / count;
+        let outline = mean(|f| Vec3::new(f.circle.center.u, f.circle.center.v, f.circle.radius));
+        let variances = mean(|f| f.outline.covariance.diagonal());
+        let center = Pixel {
+            u: outline.x,
+            v: outline.y,
+        };
+        let radius = outline.z;
         let optics = match *model {
             CameraModel::Known(camera) => Optics::Known(camera),
             CameraModel::Unknown(prior) => {
                 let k = prior.inverse_distance;
                 let expected = k / (radius * (1.0 - k * k).sqrt());
-                let at = Vector2::new(mean.center.u, mean.center.v);
-                let place = axis.map(|axis| PicturePlace::new(at, axis));
+                let known_axis = AxisPrior::new(&BallCircle::new(center, radius), frames, expected);
                 Optics::Unknown {
                     inverse_focal: expected,
-                    axis: place.map_or_else(Vector2::zeros, |place| place.off * expected),
-                    axis_sigma: place.map_or(AXIS_SIGMA, |place| place.sigma_px * expected),
-                    place,
+                    axis: known_axis.expected(expected).0,
+                    known_axis,
                     expected,
                     sigma: prior.sigma / radius,
                     // Above the bound for every frame, whose radii are not all the mean.
@@ -171,7 +219,7 @@ impl SharedCamera {
         Self {
             optics,
             outline_bias: Vec3::zeros(),
-            outline_sigma: outline_variances.map(|v| v.max(0.0).sqrt()),
+            outline_sigma: variances.map(|v| v.max(0.0).sqrt()),
         }
     }
 
@@ -243,14 +291,19 @@ impl SharedCamera {
         let Optics::Unknown {
             inverse_focal,
             axis,
-            place,
+            known_axis,
             ..
         } = self.optics
         else {
             return Vector2::zeros();
         };
-        let at = Vector2::new(circle.center.u, circle.center.v);
-        axis + place.map_or_else(Vector2::zeros, |place| (at - place.mean) * inverse_focal)
+        match known_axis {
+            AxisPrior::Crops { .. } => axis,
+            AxisPrior::Pictures { mean, .. } => {
+                let at = Vector2::new(circle.center.u, circle.center.v);
+                axis + (at - mean) * inverse_focal
+            }
+        }
     }
 
     /// From a ball's circle to its outline: where its center lies from where the ball's center is seen, and by how much the mean of its half axes is
@@ -345,8 +398,7 @@ impl SharedCamera {
         if let Optics::Unknown {
             inverse_focal,
             axis,
-            axis_sigma,
-            place,
+            known_axis,
             expected,
             sigma,
             ..
@@ -354,12 +406,12 @@ impl SharedCamera {
         {
             prior[0].information = sigma.powi(-2);
             prior[0].off = inverse_focal - expected;
-            let off = place.map_or_else(Vector2::zeros, |place| place.off);
+            let (expected, rate, sigma) = known_axis.expected(inverse_focal);
             for k in 0..2 {
                 let of_axis = &mut prior[1 + k];
-                of_axis.by_shared[0] = -off[k];
-                of_axis.off = axis[k] - off[k] * inverse_focal;
-                of_axis.information = axis_sigma.powi(-2);
+                of_axis.by_shared[0] = -rate[k];
+                of_axis.off = axis[k] - expected[k];
+                of_axis.information = sigma.powi(-2);
             }
         }
         for i in 0..3 {
@@ -373,12 +425,13 @@ impl SharedCamera {
     pub fn settle(&mut self) {
         if let Optics::Unknown {
             inverse_focal,
-            axis_sigma,
-            place: Some(place),
+            known_axis: AxisPrior::Pictures {
+                sigma_px, sigma, ..
+            },
             ..
         } = &mut self.optics
         {
-            *axis_sigma = place.sigma_px * *inverse_focal;
+            *sigma = *sigma_px * *inverse_focal;
         }
     }
 
@@ -405,6 +458,8 @@ impl SharedCamera {
 mod tests {
     use super::*;
     use crate::vision::EstimatorConfig;
+    use crate::vision::frame::estimate::PrincipalPointPrior;
+    use crate::vision::frame::outline::Outline;
 
     const MEAN: BallCircle = BallCircle::new(
         Pixel {
@@ -414,15 +469,49 @@ mod tests {
         28.0,
     );
 
+    /// A frame of that, whose outline is drawn out.
+    fn frame(eccentricity: Vector2<f64>, axis: Option<PrincipalPointPrior>) -> BundleFrame {
+        let outline = BallCircle {
+            eccentricity,
+            ..MEAN
+        };
+        BundleFrame {
+            time_s: None,
+            rotation: Rotation::identity(),
+            circle: outline,
+            outline: Outline::given(outline, Matrix3::from_diagonal_element(0.01)),
+            axis,
+            observations: Vec::new(),
+        }
+    }
+
     /// A camera that is not known, and stands somewhere.
-    fn somewhere(axis: Option<&PrincipalPointPrior>) -> SharedCamera {
+    fn somewhere(axis: Option<PrincipalPointPrior>) -> SharedCamera {
         let model = EstimatorConfig::default().camera;
-        let camera = SharedCamera::new(&model, &MEAN, Vec3::repeat(0.01), axis);
+        let camera = SharedCamera::new(&model, &[frame(Vector2::zeros(), axis)]);
         camera.moved(&[-1e-3, 0.3, 0.2], &Vec3::new(0.1, 0.0, -0.1))
     }
 
     fn of_picture() -> PrincipalPointPrior {
         PrincipalPointPrior::of_picture(1280, 1024, &MEAN).expect("whole")
+    }
+
+    #[test]
+    fn ellipses_say_where_the_axis_of_crops_is() {
+        let e = Vector2::new(0.3, -0.1);
+        let of = |signs: &[f64]| {
+            let frames = signs.iter().map(|sign| frame(e * *sign, None));
+            drawn_out(&frames.collect::<Vec<_>>())
+        };
+        let tangents = e / (1.0 - e.norm_squared()).sqrt();
+        // One is a circle, one is taken to be on the other side.
+        let found = of(&[1.0, 1.0, 0.0, 1.0, -1.0, 1.0, 1.0]).expect("clear");
+        assert!((found - tangents).norm() < 1e-12, "{found}");
+        let other = of(&[-1.0, -1.0, -1.0]).expect("clear");
+        assert!((other + tangents).norm() < 1e-12, "{other}");
+        assert_eq!(of(&[1.0, 0.0, 0.0]), None);
+        assert_eq!(of(&[1.0, -1.0, 1.0]), None);
+        assert_eq!(of(&[]), None);
     }
 
     #[test]
@@ -435,7 +524,7 @@ mod tests {
             26.0,
         );
         for axis in [None, Some(of_picture())] {
-            let camera = somewhere(axis.as_ref());
+            let camera = somewhere(axis);
             let (by_optics, by_radius) = camera.to_outline_derivatives(&circle);
             for (k, step) in [1e-8, 1e-5, 1e-5].into_iter().enumerate() {
                 let by = |step: f64| {
@@ -459,7 +548,7 @@ mod tests {
 
     #[test]
     fn the_axis_of_a_picture_is_expected_near_its_middle() {
-        let mut camera = somewhere(Some(&of_picture()));
+        let mut camera = somewhere(Some(of_picture()));
         camera.settle();
         // Where the principal point is the middle, the axis is as expected at any focal length.
         let off = Vector2::new(MEAN.center.u - 639.5, MEAN.center.v - 511.5);

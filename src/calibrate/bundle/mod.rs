@@ -161,17 +161,7 @@ impl Bundle {
     /// The problem of these dots, seen by one camera.
     pub fn new(priors: Vec<DotPrior>, frames: Vec<BundleFrame>, camera: &CameraModel) -> Self {
         let dots = priors.iter().map(|p| p.direction).collect();
-        let count = frames.len().max(1) as f64;
-        let mean = |of: fn(&BundleFrame) -> Vec3| frames.iter().map(of).sum::<Vec3>() / count;
-        let outline = mean(|f| Vec3::new(f.circle.center.u, f.circle.center.v, f.circle.radius));
-        let variances = mean(|f| f.outline.covariance.diagonal());
-        let center = Pixel {
-            u: outline.x,
-            v: outline.y,
-        };
-        let outline = BallCircle::new(center, outline.z);
-        let axis = frames.iter().find_map(|f| f.axis.as_ref());
-        let camera = SharedCamera::new(camera, &outline, variances, axis);
+        let camera = SharedCamera::new(camera, &frames);
         let spins = vec![Vec3::zeros(); frames.len()];
         Self {
             priors,
@@ -504,9 +494,10 @@ mod tests {
         (outline, view.expect("a view"))
     }
 
-    /// A ball far off the axis crosses a picture whose camera nobody knows: exact projections give the dots where they are.
-    #[test]
-    fn dots_of_a_ball_in_the_corner_of_a_picture_are_where_they_are() {
+    /// By how much dots of a ball are off, at worst, that crosses the corner of a picture, or stays there and is cut out of it: exact projections by a
+    /// camera that nobody knows, degrees. Some outlines are found as circles, the others as ellipses.
+    fn worst_of(is_whole: bool) -> f64 {
+        let step_px = if is_whole { 4.0 } else { 0.0 };
         let rng = &mut ChaCha8Rng::seed_from_u64(6_412_001);
         let spread = |k: usize, n: usize| {
             let z = 1.0 - (2.0 * k as f64 + 1.0) / n as f64;
@@ -527,8 +518,8 @@ mod tests {
         let mut frames = Vec::new();
         for k in 0..30 {
             let center = Pixel {
-                u: 1210.0 - 4.0 * f64::from(k),
-                v: 940.0 - 4.0 * f64::from(k),
+                u: 1210.0 - step_px * f64::from(k),
+                v: 940.0 - step_px * f64::from(k),
             };
             let (outline, view) = seen_at(center);
             let rotation = Rotation::from_scaled_axis(Vec3::y() * (0.3 * f64::from(k)))
@@ -541,19 +532,16 @@ mod tests {
                 covariance: Matrix2::identity() * 0.01,
             });
             let observations = observations.collect();
-            let axis = PrincipalPointPrior::of_picture(1280, 1024, &outline);
-            // Some outlines are found as circles.
-            let round = BallCircle::new(
-                outline.center,
-                outline.radius * of_circle(&outline.eccentricity).0,
-            );
+            let mean = outline.radius * of_circle(&outline.eccentricity).0;
+            let round = BallCircle::new(outline.center, mean);
             let found = if k % 3 == 0 { round } else { outline };
+            let axis = PrincipalPointPrior::of_picture(1280, 1024, &outline);
             frames.push(BundleFrame {
                 time_s: None,
                 rotation: jitter(0.02) * rotation,
                 circle: found,
                 outline: Outline::given(found, Matrix3::from_diagonal_element(0.01)),
-                axis,
+                axis: axis.filter(|_| is_whole),
                 observations,
             });
         }
@@ -561,7 +549,7 @@ mod tests {
         bundle.fit(false);
         // What is expected of the distance counts, too.
         let off = bundle.inverse_distance().expect("unknown") * DISTANCE - 1.0;
-        assert!(off.abs() < 0.15, "{off}");
+        assert!(off.abs() < 0.2, "{off}");
         let mut worst = 0.0f64;
         for (i, a) in dots.iter().enumerate() {
             for (j, b) in dots.iter().enumerate().take(i) {
@@ -569,6 +557,19 @@ mod tests {
                 worst = worst.max(off.abs().to_degrees());
             }
         }
+        worst
+    }
+
+    #[test]
+    fn dots_of_a_ball_in_the_corner_of_a_picture_are_where_they_are() {
+        let worst = worst_of(true);
+        assert!(worst < 0.02, "{worst}");
+    }
+
+    /// Crops say by ellipses where the axis is.
+    #[test]
+    fn dots_of_crops_that_show_ellipses_are_nearly_where_they_are() {
+        let worst = worst_of(false);
         assert!(worst < 0.02, "{worst}");
     }
 }
