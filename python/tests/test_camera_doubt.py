@@ -71,7 +71,7 @@ def test_a_camera_twice_too_long_is_named_in_every_mode(mode: str) -> None:
             else:
                 tracker = estimator.tracker()
                 # No end is said to it.
-                few = len(images) if mode == "tracker" else 4
+                few = len(images) if mode == "tracker" else 5
                 for image, time_s in zip(images[:few], times):
                     tracker.update(image, time_s)
         said = [str(w.message) for w in heard if "outlines contradict the intrinsics" in str(w.message)]

@@ -308,7 +308,7 @@ impl SharedCamera {
 
     /// From a ball's circle to its outline: where its center lies from where the ball's center is seen, and by how much the mean of its half axes is
     /// more than the radius, pixels. The ellipse of an off-axis ball lies farther out by the share `tan^2` of the ball's half angle, and is drawn out.
-    pub fn to_outline(&self, circle: &BallCircle) -> Vec3 {
+    pub fn beyond_circle(&self, circle: &BallCircle) -> Vec3 {
         let axis = self.axis_at(circle);
         let shift = axis * (circle.radius * circle.radius * self.inverse_focal());
         let growth = (1.0 + axis.norm_squared()).sqrt().sqrt();
@@ -323,8 +323,8 @@ impl SharedCamera {
         }
     }
 
-    /// Derivatives of [`to_outline`](Self::to_outline) by the shared optics and by the radius.
-    pub fn to_outline_derivatives(&self, circle: &BallCircle) -> (Matrix3<f64>, Vec3) {
+    /// Derivatives of [`beyond_circle`](Self::beyond_circle) by the shared optics and by the radius.
+    pub fn beyond_circle_derivatives(&self, circle: &BallCircle) -> (Matrix3<f64>, Vec3) {
         let Optics::Unknown {
             inverse_focal,
             axis,
@@ -525,13 +525,13 @@ mod tests {
         );
         for axis in [None, Some(of_picture())] {
             let camera = somewhere(axis);
-            let (by_optics, by_radius) = camera.to_outline_derivatives(&circle);
+            let (by_optics, by_radius) = camera.beyond_circle_derivatives(&circle);
             for (k, step) in [1e-8, 1e-5, 1e-5].into_iter().enumerate() {
                 let by = |step: f64| {
                     let mut change = [0.0; OPTICS];
                     change[k] = step;
                     let moved = camera.moved(&change, &Vec3::zeros());
-                    moved.to_outline(&circle)
+                    moved.beyond_circle(&circle)
                 };
                 let found = (by(step) - by(-step)) / (2.0 * step);
                 let off = found - by_optics.column(k);
@@ -539,7 +539,7 @@ mod tests {
             }
             let by = |step: f64| {
                 let radius = circle.radius + step;
-                camera.to_outline(&BallCircle { radius, ..circle })
+                camera.beyond_circle(&BallCircle { radius, ..circle })
             };
             let found = (by(1e-4) - by(-1e-4)) / 2e-4;
             assert!((found - by_radius).norm() < 1e-6, "{found} {by_radius}");

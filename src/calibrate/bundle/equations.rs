@@ -73,8 +73,8 @@ impl Bundle {
         let found = &frame.outline.circle;
         let moved = offset(frame.circle.center, found.center);
         let grown = frame.circle.radius - self.camera.mean_radius(found);
-        let to_outline = self.camera.to_outline(&frame.circle);
-        Vec3::new(moved.x, moved.y, grown) + to_outline + self.camera.outline_bias
+        let beyond_circle = self.camera.beyond_circle(&frame.circle);
+        Vec3::new(moved.x, moved.y, grown) + beyond_circle + self.camera.outline_bias
     }
 
     /// The axes of the dots' coordinates.
@@ -190,7 +190,7 @@ impl Bundle {
 
     /// Derivatives of [`outline_offset`](Self::outline_offset) by the frame's unknowns and the shared.
     fn outline_derivatives(&self, frame: &BundleFrame) -> (SMatrix<f64, 3, BLOCK>, Matrix3x6<f64>) {
-        let (by_optics, by_radius) = self.camera.to_outline_derivatives(&frame.circle);
+        let (by_optics, by_radius) = self.camera.beyond_circle_derivatives(&frame.circle);
         let mut of_outline = Matrix3::identity();
         of_outline.set_column(2, &(Vec3::z() + by_radius));
         let mut of_frame = SMatrix::<f64, 3, BLOCK>::zeros();
