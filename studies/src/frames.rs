@@ -61,6 +61,12 @@ pub fn blur_estimator(pattern: &Pattern) -> Result<Estimator> {
 /// The workspace of such an estimator.
 pub type Workspace = EstimatorWorkspace;
 
+/// That of each estimator, on the heap: rayon holds one in each part that it splits its work into, on the stack.
+#[inline(never)]
+pub fn workspaces<const N: usize>(estimators: &[Estimator; N]) -> Box<[Workspace; N]> {
+    Box::new(estimators.each_ref().map(Estimator::workspace))
+}
+
 /// An image, without a prior.
 pub fn alone<'a>(
     estimator: &Estimator,
@@ -89,15 +95,14 @@ pub fn each<T: Send, const N: usize>(
     count: usize,
     judge: impl Fn(&SynthFrame, [FrameEstimate; N]) -> T + Sync,
 ) -> Result<Vec<T>> {
-    let workspaces = || estimators.each_ref().map(Estimator::workspace);
-    let one = |ws: &mut [Workspace; N], k: usize| {
+    let one = |ws: &mut Box<[Workspace; N]>, k: usize| {
         let frame = independent_frame(estimators[0].pattern(), config, seed, k)?;
         let found = std::array::from_fn(|i| alone(&estimators[i], &frame.image, &mut ws[i]));
         Ok(judge(&frame, found))
     };
     (0..count)
         .into_par_iter()
-        .map_init(workspaces, one)
+        .map_init(|| workspaces(estimators), one)
         .collect()
 }
 

@@ -21,7 +21,7 @@ use spindoe::synth::dataset::frame_rng;
 use spindoe::synth::signal::BallSignal;
 use spindoe::vision::frame::Outline;
 use spindoe::vision::{BallCircle, DotDetection, FrameEstimate, Pixel};
-use spindoe_studies::frames::{DOTS20, Workspace, all_conditions, alone, estimator};
+use spindoe_studies::frames::{DOTS20, Workspace, all_conditions, alone, estimator, workspaces};
 use spindoe_studies::score::{bins, share};
 use spindoe_studies::table::Table;
 use spindoe_studies::{Outcome, row};
@@ -57,13 +57,14 @@ impl Args {
     pub fn run(&self) -> Outcome {
         let (count, seed, signal, path) = (self.frames, self.seed, self.signal, &self.pattern);
         let pattern = Pattern::read_csv(path)?;
-        let estimator = estimator(&pattern)?;
+        let estimators = [estimator(&pattern)?];
+        let [estimator] = &estimators;
         let set = all_conditions();
         let one = |ws: &mut Workspace, k: u64| {
             let mut rng = frame_rng(seed, k);
             let scene = Scene::random(&pattern, &set.config, &mut rng)?;
             let ball = scene.signal()?;
-            let found = alone(&estimator, &scene.render()?.image, ws);
+            let found = alone(estimator, &scene.render()?.image, ws);
             let mut given = oracle(&ball, signal, || rng.sample(StandardNormal));
             estimator.identify_detections(ws, &mut given);
             Ok(Seen {
@@ -73,7 +74,7 @@ impl Args {
         };
         let seen = (0..count)
             .into_par_iter()
-            .map_init(|| estimator.workspace(), one);
+            .map_init(|| workspaces(&estimators), |ws, k| one(&mut ws[0], k));
         let seen: Vec<Seen> = seen.collect::<spindoe::Result<_>>()?;
         println!(
             "{count} frames in {}, seed {seed}, {}, clear from {signal} times the noise on",

@@ -11,7 +11,7 @@ use spindoe::camera::{CameraConditions, CameraTrials};
 use spindoe::clip::verdict::mirrored_pattern;
 use spindoe::recognize::RecognizerRejection;
 use spindoe::vision::{DetectorName, Estimator, FrameRejection};
-use spindoe_studies::frames::{Patterns, Workspace, alone};
+use spindoe_studies::frames::{Patterns, Workspace, alone, workspaces};
 use spindoe_studies::score::share;
 use spindoe_studies::table::Table;
 use spindoe_studies::{Outcome, row};
@@ -42,13 +42,15 @@ impl Args {
         ]);
         for (name, pattern) in self.patterns.read()? {
             let mirrored = mirrored_pattern(&pattern)?;
-            let estimator = Estimator::new(&pattern, trials.estimator, DetectorName::Cnn.build()?)?;
+            let detector = DetectorName::Cnn.build()?;
+            let estimators = [Estimator::new(&pattern, trials.estimator, detector)?];
+            let [estimator] = &estimators;
             let one = |ws: &mut Workspace, k: u64| {
                 let scene = trials.conditions.scene(&mirrored, SEED, k)?;
-                Ok(alone(&estimator, &scene.render()?.image, ws))
+                Ok(alone(estimator, &scene.render()?.image, ws))
             };
             let found = (0..frames).into_par_iter();
-            let found = found.map_init(|| estimator.workspace(), one);
+            let found = found.map_init(|| workspaces(&estimators), |ws, k| one(&mut ws[0], k));
             let mut found: Vec<_> = found.collect::<spindoe::Result<_>>()?;
             found.retain(|f| f.outline.is_some());
             let mirrored = Err(FrameRejection::Recognizer(RecognizerRejection::Mirrored));
