@@ -280,7 +280,7 @@ impl Recentering {
 
     /// Makes the virtual image of a ball off the axis, and corrects its outline, by its edges where these were found. `contrast` is the color
     /// contrast, where the outline was looked for in it as well.
-    /// `None` where the ball is on the axis: then nothing is changed.
+    /// `None` where the ball is on the axis: then only a given circle becomes the ball's.
     pub fn recenter(
         &mut self,
         intrinsics: &Intrinsics,
@@ -290,14 +290,18 @@ impl Recentering {
     ) -> Option<Recentered> {
         let outline = frame.outline?;
         let rough = outline_of_fit(intrinsics, &outline);
+        let Some(camera) = VirtualCamera::new(intrinsics, &rough.circle) else {
+            if outline.is_given() {
+                frame.outline = Some(rough);
+            }
+            return None;
+        };
         let Some(fit) = frame.fit else {
-            let camera = VirtualCamera::new(intrinsics, &rough.circle)?;
             camera.look(gray, &mut self.image);
             frame.outline = Some(rough);
             let circle = camera.circle();
             return Some(Recentered { camera, circle });
         };
-        let camera = VirtualCamera::new(intrinsics, &rough.circle)?;
         let in_contrast = contrast.and_then(|contrast| self.fit(&camera, contrast, &fit));
         // The last look is the one that dots are detected in.
         let in_gray = self.fit(&camera, gray, &fit);
@@ -417,6 +421,37 @@ mod tests {
             let off = found.circle.center.u - circle.center.u;
             let off = off.hypot(found.circle.center.v - circle.center.v);
             assert!(off < 1e-4 && (found.circle.radius - circle.radius).abs() < 1e-4);
+        }
+    }
+
+    /// Less than a degree from the axis a ball's center is seen beside the middle of its outline, too, by a tenth of a pixel here.
+    #[test]
+    fn a_given_circle_near_the_axis_becomes_the_balls() {
+        let k = Intrinsics::pinhole(800.0, 800.0, 150.0, 30.0);
+        let circle = BallCircle::new(Pixel { u: 162.0, v: 27.0 }, 90.0);
+        let shown = k.shown_of_ball(&circle);
+        assert!((shown.center.u - circle.center.u).abs() > 0.1);
+        for source in [OutlineSource::Detected, OutlineSource::Given] {
+            let outline = Outline {
+                circle: shown,
+                covariance: Matrix3::identity(),
+                source,
+            };
+            let mut frame = FrameEstimate {
+                outline: Some(outline),
+                ..FrameEstimate::default()
+            };
+            let gray = GrayImage::default();
+            let mut recentering = Recentering::new(CircleConfig::default());
+            assert!(recentering.recenter(&k, &gray, None, &mut frame).is_none());
+            let found = frame.outline.expect("one").circle;
+            let expected = match source {
+                OutlineSource::Given => circle,
+                _ => shown,
+            };
+            let off = found.center.u - expected.center.u;
+            assert!(off.hypot(found.center.v - expected.center.v) < 1e-4);
+            assert!((found.radius - expected.radius).abs() < 1e-4);
         }
     }
 }
