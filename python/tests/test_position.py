@@ -69,7 +69,6 @@ def test_a_limb_that_opencv_projects_leads_to_the_center(table, distortion):
         # No dot is seen, and the outline stands.
         assert not found.pose and found.position_rotation_covariance_m_rad is None
         seen = found.position_m * [1, -1, -1]
-        print("OFF", np.linalg.norm(seen - center) / distance)
         assert seen == pytest.approx(center, abs=1e-4 * distance)
         assert np.all(np.linalg.eigvalsh(found.position_covariance_m2) > 0.0)
 

@@ -9,8 +9,9 @@
 //!   which no turn of the ball and no other outline explains;
 //! - the outlines' common error `(b_u, b_v, b_r)`: light from one side shifts every outline alike.
 //!
-//! Crops follow the ball: they see it by the same angle from the axis, of which ellipses say more than that balls are near it. In whole pictures the axis stays and the ball moves: at `p` the angle's tangents are
-//! `a + (p - q) / f` with the balls' mean place `q`, and the axis is near the picture's middle.
+//! Crops follow the ball: they see it by the same angle from the axis, of which ellipses say more than that balls are near it. In whole
+//! pictures the axis stays and the ball moves: at `p` the angle's tangents are `a + (p - q) / f` with the balls' mean place `q`, and the
+//! axis is near the picture's middle.
 //!
 //! The projection is that of a pinhole with these. Orientations are those in the view frame, whose z
 //! points from the ball to the camera ([`BallView`]): the ball's place in the image is no part of them.
@@ -82,18 +83,17 @@ enum AxisPrior {
 }
 
 impl AxisPrior {
-    /// Of balls with these outlines, on average `mean`.
-    fn new(mean: &BallCircle, frames: &[BundleFrame], inverse_focal: f64) -> Self {
-        let at = Vector2::new(mean.center.u, mean.center.v);
+    /// Of balls in these frames, at this mean place.
+    fn new(mean: Vector2<f64>, frames: &[BundleFrame], inverse_focal: f64) -> Self {
         if let Some(axis) = frames.iter().find_map(|frame| frame.axis) {
             return Self::Pictures {
-                mean: at,
-                off: at - Vector2::new(axis.middle.u, axis.middle.v),
+                mean,
+                off: mean - Vector2::new(axis.middle.u, axis.middle.v),
                 sigma_px: axis.sigma_px,
                 sigma: axis.sigma_px * inverse_focal,
             };
         }
-        match drawn_out(frames) {
+        match axis_of_ellipses(frames) {
             Some(expected) => Self::Crops {
                 expected,
                 sigma: ELLIPSE_SIGMA,
@@ -115,7 +115,7 @@ impl AxisPrior {
 }
 
 /// The tangents of the angles from the axis that the frames' ellipses show, where most outlines are ellipses and most of these lie to one side.
-fn drawn_out(frames: &[BundleFrame]) -> Option<Vector2<f64>> {
+fn axis_of_ellipses(frames: &[BundleFrame]) -> Option<Vector2<f64>> {
     let ellipses = frames.iter().map(|f| f.outline.circle);
     let ellipses = ellipses.filter(BallCircle::is_ellipse).map(|ellipse| {
         let e = ellipse.eccentricity;
@@ -132,6 +132,11 @@ fn drawn_out(frames: &[BundleFrame]) -> Option<Vector2<f64>> {
         let aligned = ellipses.iter().map(|e| e * (e.dot(&along) * side).signum());
         aligned.sum::<Vector2<f64>>() / ellipses.len() as f64
     })
+}
+
+/// The mean of an ellipse's half axes over the shorter one, as [`of_circle`] has it, by the tangents of a ball's angle from the axis.
+fn growth(tangents: &Vector2<f64>) -> f64 {
+    (1.0 + tangents.norm_squared()).sqrt().sqrt()
 }
 
 /// What is known beforehand of the shared unknowns: by each of them, how far that is off, and its information.
@@ -194,17 +199,13 @@ impl SharedCamera {
         let mean = |of: fn(&BundleFrame) -> Vec3| frames.iter().map(of).sum::<Vec3>() / count;
         let outline = mean(|f| Vec3::new(f.circle.center.u, f.circle.center.v, f.circle.radius));
         let variances = mean(|f| f.outline.covariance.diagonal());
-        let center = Pixel {
-            u: outline.x,
-            v: outline.y,
-        };
         let radius = outline.z;
         let optics = match *model {
             CameraModel::Known(camera) => Optics::Known(camera),
             CameraModel::Unknown(prior) => {
                 let k = prior.inverse_distance;
                 let expected = k / (radius * (1.0 - k * k).sqrt());
-                let known_axis = AxisPrior::new(&BallCircle::new(center, radius), frames, expected);
+                let known_axis = AxisPrior::new(outline.xy(), frames, expected);
                 Optics::Unknown {
                     inverse_focal: expected,
                     axis: known_axis.expected(expected).0,
@@ -311,8 +312,7 @@ impl SharedCamera {
     pub fn beyond_circle(&self, circle: &BallCircle) -> Vec3 {
         let axis = self.axis_at(circle);
         let shift = axis * (circle.radius * circle.radius * self.inverse_focal());
-        let growth = (1.0 + axis.norm_squared()).sqrt().sqrt();
-        Vec3::new(shift.x, shift.y, circle.radius * (growth - 1.0))
+        Vec3::new(shift.x, shift.y, circle.radius * (growth(&axis) - 1.0))
     }
 
     /// What is compared with that: the mean of an outline's half axes, or the radius that a known camera has found.
@@ -339,7 +339,7 @@ impl SharedCamera {
         let axis_by_focal = (now - axis) / inverse_focal;
         let of_shift = square * inverse_focal;
         let shift_by_focal = now * square + axis_by_focal * of_shift;
-        let grown = (1.0 + now.norm_squared()).sqrt().sqrt();
+        let grown = growth(&now);
         let by_axis = now * (0.5 * circle.radius / grown.powi(3));
         let growth_by_focal = by_axis.dot(&axis_by_focal);
         let by_optics = Matrix3::new(
@@ -501,7 +501,7 @@ mod tests {
         let e = Vector2::new(0.3, -0.1);
         let of = |signs: &[f64]| {
             let frames = signs.iter().map(|sign| frame(e * *sign, None));
-            drawn_out(&frames.collect::<Vec<_>>())
+            axis_of_ellipses(&frames.collect::<Vec<_>>())
         };
         let tangents = e / (1.0 - e.norm_squared()).sqrt();
         // One is a circle, one is taken to be on the other side.

@@ -568,7 +568,7 @@ mod tests {
 
     /// Crops say by ellipses where the axis is.
     #[test]
-    fn dots_of_crops_that_show_ellipses_are_nearly_where_they_are() {
+    fn dots_of_crops_that_show_ellipses_are_where_they_are() {
         let worst = worst_of(false);
         assert!(worst < 0.02, "{worst}");
     }

@@ -184,33 +184,32 @@ impl Estimator {
             }
         }
         let is_found = out.outline.is_some_and(|o| !o.is_given());
-        // Where the radius says how far the ball is, its error counts.
-        let is_known = self.intrinsics().is_some();
+        let outlines = match self.config.camera {
+            CameraModel::Unknown(_) => RimShape::DrawnOut,
+            CameraModel::Known(_) => RimShape::AsViewed,
+        };
         let rim = shape.filter(|_| is_found).and_then(|shape| {
             let dots = self.dots_at_rim(pose, &view, &shape);
             let hidden = dots.chain(ws.covers.iter().copied());
-            let outlines = match self.config.camera {
-                CameraModel::Unknown(_) => RimShape::DrawnOut,
-                CameraModel::Known(_) => RimShape::AsViewed,
-            };
             ws.rim.fit(&pixels, (outlines, &shape), hidden)
         });
-        let oval = rim.and_then(|rim| rim.oval).filter(|_| is_known);
+        let oval = rim.and_then(|rim| rim.oval);
+        let oval = oval.filter(|_| self.intrinsics().is_some());
         out.oval = oval.map(|oval| (*view.circle(), oval));
         let corrected = rim.zip(out.outline);
-        let corrected = corrected.map(|(rim, outline)| match self.config.camera {
-            CameraModel::Unknown(_) => rim.correct_drawn_out(view.circle(), &outline),
-            CameraModel::Known(_) => {
-                let seen = rim.correct(view.circle(), &outline);
-                let seen = if is_known {
-                    seen.with_size_error()
-                } else {
-                    seen
-                };
-                (seen, None)
-            }
+        let corrected = corrected.map(|(rim, outline)| match outlines {
+            RimShape::DrawnOut => rim.correct_drawn_out(view.circle(), &outline),
+            RimShape::AsViewed => (self.sized(rim.correct(view.circle(), &outline)), None),
         });
         is_any.then_some(corrected)
+    }
+
+    /// An outline with the error of its size, where that says how far the ball is.
+    fn sized(&self, outline: Outline) -> Outline {
+        match self.intrinsics() {
+            Some(_) => outline.with_size_error(),
+            None => outline,
+        }
     }
 
     /// Where the pattern's dots lie over the rim, with their blur.
@@ -237,14 +236,7 @@ impl Estimator {
         let view = self.view(out)?;
         let (outline, oval) = match rim {
             Some(rim) => rim,
-            None => {
-                let found = out.outline?.with_model_error();
-                let found = match self.intrinsics() {
-                    Some(_) => found.with_size_error(),
-                    None => found,
-                };
-                (found, None)
-            }
+            None => (self.sized(out.outline?.with_model_error()), None),
         };
         let camera = self.config.camera.at(pose.distance);
         let rotation = view.to_camera().inverse() * pose.rotation;

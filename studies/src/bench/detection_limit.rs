@@ -57,14 +57,14 @@ impl Args {
     pub fn run(&self) -> Outcome {
         let (count, seed, signal, path) = (self.frames, self.seed, self.signal, &self.pattern);
         let pattern = Pattern::read_csv(path)?;
-        let estimators = [estimator(&pattern)?];
-        let [estimator] = &estimators;
+        let estimator = estimator(&pattern)?;
+        let ours = std::array::from_ref(&estimator);
         let set = all_conditions();
         let one = |ws: &mut Workspace, k: u64| {
             let mut rng = frame_rng(seed, k);
             let scene = Scene::random(&pattern, &set.config, &mut rng)?;
             let ball = scene.signal()?;
-            let found = alone(estimator, &scene.render()?.image, ws);
+            let found = alone(&estimator, &scene.render()?.image, ws);
             let mut given = oracle(&ball, signal, || rng.sample(StandardNormal));
             estimator.identify_detections(ws, &mut given);
             Ok(Seen {
@@ -74,7 +74,7 @@ impl Args {
         };
         let seen = (0..count)
             .into_par_iter()
-            .map_init(|| workspaces(&estimators), |ws, k| one(&mut ws[0], k));
+            .map_init(|| workspaces(ours), |ws, k| one(&mut ws[0], k));
         let seen: Vec<Seen> = seen.collect::<spindoe::Result<_>>()?;
         println!(
             "{count} frames in {}, seed {seed}, {}, clear from {signal} times the noise on",

@@ -42,15 +42,14 @@ impl Args {
         ]);
         for (name, pattern) in self.patterns.read()? {
             let mirrored = mirrored_pattern(&pattern)?;
-            let detector = DetectorName::Cnn.build()?;
-            let estimators = [Estimator::new(&pattern, trials.estimator, detector)?];
-            let [estimator] = &estimators;
+            let estimator = Estimator::new(&pattern, trials.estimator, DetectorName::Cnn.build()?)?;
+            let ours = std::array::from_ref(&estimator);
             let one = |ws: &mut Workspace, k: u64| {
                 let scene = trials.conditions.scene(&mirrored, SEED, k)?;
-                Ok(alone(estimator, &scene.render()?.image, ws))
+                Ok(alone(&estimator, &scene.render()?.image, ws))
             };
             let found = (0..frames).into_par_iter();
-            let found = found.map_init(|| workspaces(&estimators), |ws, k| one(&mut ws[0], k));
+            let found = found.map_init(|| workspaces(ours), |ws, k| one(&mut ws[0], k));
             let mut found: Vec<_> = found.collect::<spindoe::Result<_>>()?;
             found.retain(|f| f.outline.is_some());
             let mirrored = Err(FrameRejection::Recognizer(RecognizerRejection::Mirrored));

@@ -109,7 +109,7 @@ impl LimbChain {
         }
     }
 
-    /// Adds that the ball's light is not negative, by this weight where it is: none leaves its limb where that with what is behind it is less than none.
+    /// Adds that the limb sheds no negative light, its own and what is behind it together: by this weight where it would.
     pub fn lit(&mut self, light: &[SVector<f64, LIGHTS>; KNOTS], weight: f64) {
         let limb = SVector::<f64, LIGHTS>::from([1.0, 1.0, 0.0, 0.0]);
         for (knot, light) in light.iter().enumerate() {
