@@ -76,9 +76,9 @@ pub use identify::identify_frames;
 pub use presence::MIN_EXPECTED_VIEWS;
 pub use result::{CalibratedDot, Calibration, CalibrationRejection, DotState, SteadyMark};
 pub use unknown::{
-    BuiltPattern, KnownDots, MARK_FEATURES, MarkEvidence, MarkKind, MarkedSurface, MissingSide,
-    Side, SurfaceMark, SurfaceObserver, SurfacePlace, Survey, UnknownRejection, calibrate_built,
-    matching_design, survey,
+    BuiltPattern, DecidedMarks, KnownDots, MARK_FEATURES, MarkEvidence, MarkKind, MarkedSurface,
+    MissingSide, Side, SurfaceMark, SurfaceObserver, SurfacePlace, Survey, UnknownRejection,
+    calibrate_built, matching_design, survey,
 };
 
 use crate::error::{Error, Result};

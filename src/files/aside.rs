@@ -87,35 +87,54 @@ fn settle_folder(dir: &Path, path: &Path) {
         _ => return,
     }
     if let Ok(removed) = fs::read_to_string(path.join(WHOLE))
-        && move_in(dir, path, removed.lines(), "").is_err()
+        && moves(dir, path, removed.lines(), "")
+            .and_then(|moves| moves.iter().try_for_each(Move::make))
+            .is_err()
     {
         return;
     }
     let _ = fs::remove_dir_all(path);
 }
 
-/// Removes the files `removed` of `dir` and moves those of `from` in; `last` appears when all others
+/// A step of a set of files to its place.
+#[derive(Debug)]
+enum Move {
+    /// What is replaced goes.
+    Remove(PathBuf),
+    /// What is new comes, from the first path to the second.
+    Bring(PathBuf, PathBuf),
+}
+
+impl Move {
+    fn make(&self) -> Result<()> {
+        match self {
+            Self::Remove(path) => super::remove_any(path),
+            Self::Bring(from, to) => {
+                // A folder is no file that a rename replaces.
+                if from.is_dir() {
+                    super::remove_any(to)?;
+                }
+                fs::rename(from, to).map_err(|e| Error::write(to, e))
+            }
+        }
+    }
+}
+
+/// The steps that remove the files `removed` of `dir` and move those of `from` in; `last` appears when all others
 /// are there.
-fn move_in<'a>(
+fn moves<'a>(
     dir: &Path,
     from: &Path,
     removed: impl Iterator<Item = &'a str>,
     last: &str,
-) -> Result<()> {
+) -> Result<Vec<Move>> {
     let mut names = names(from)?;
     names.sort_by_key(|name| (name == last, name.clone()));
-    for name in removed {
-        super::remove_any(&dir.join(name))?;
-    }
-    for name in &names {
-        let to = dir.join(name);
-        // A folder is no file that a rename replaces.
-        if from.join(name).is_dir() {
-            super::remove_any(&to)?;
-        }
-        fs::rename(from.join(name), &to).map_err(|e| Error::write(&to, e))?;
-    }
-    Ok(())
+    let remove = removed.map(|name| Move::Remove(dir.join(name)));
+    let bring = names
+        .iter()
+        .map(|name| Move::Bring(from.join(name), dir.join(name)));
+    Ok(remove.chain(bring).collect())
 }
 
 /// The names in a temporary folder, without those that are its own.
@@ -278,6 +297,17 @@ impl Replacement {
     /// # Errors
     /// [`Error::Read`] and [`Error::Write`] on an I/O failure.
     pub fn publish(self, removed: &[&str], last: &str) -> Result<()> {
+        let _signals_wait = locked(&MADE);
+        for step in self.whole(removed, last)? {
+            step.make()?;
+        }
+        sync_dir(&self.dir.path)
+    }
+}
+
+impl Replacement {
+    /// Says on the disk that the set is whole; the steps that bring it to its place.
+    fn whole(&self, removed: &[&str], last: &str) -> Result<Vec<Move>> {
         let from = self.folder.path();
         let names = names(from)?;
         let alone = removed.iter().filter(|r| !names.iter().any(|n| n == *r));
@@ -286,11 +316,9 @@ impl Replacement {
         gone.extend(&alone);
         // The last to appear is the first to go.
         gone.sort_by_key(|name| (*name != last, *name));
-        let _signals_wait = locked(&MADE);
         let whole = from.join(WHOLE);
         write_synced(&whole, alone.join("\n").as_bytes()).map_err(|e| Error::write(&whole, e))?;
-        move_in(&self.dir.path, from, gone.into_iter(), last)?;
-        sync_dir(&self.dir.path)
+        moves(&self.dir.path, from, gone.into_iter(), last)
     }
 }
 
@@ -325,4 +353,80 @@ fn builder() -> tempfile::Builder<'static, 'static> {
 #[cfg(not(unix))]
 fn builder() -> tempfile::Builder<'static, 'static> {
     tempfile::Builder::new()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// What a folder shows, names and contents, without what is hidden.
+    fn shown(dir: &Path) -> Vec<(String, String)> {
+        let entries = fs::read_dir(dir).unwrap().map(|e| e.unwrap().path());
+        let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
+        let seen = entries.filter(|path| !name(path).starts_with('.'));
+        let mut seen: Vec<_> = seen
+            .map(|path| {
+                let inner = if path.is_dir() {
+                    path.join("part")
+                } else {
+                    path.clone()
+                };
+                (name(&path), fs::read_to_string(inner).unwrap())
+            })
+            .collect();
+        seen.sort();
+        seen
+    }
+
+    /// A kill after each of the moves: the next run has all of the new set, and until then no file of it stands beside one of the old.
+    #[test]
+    fn a_kill_between_any_two_moves_leaves_a_set_that_can_be_ended() {
+        let old = ["a", "gone", "report"].map(|n| (n.to_owned(), "old".to_owned()));
+        let new = ["a", "b", "folder", "report"].map(|n| (n.to_owned(), "new".to_owned()));
+        for kept in 0.. {
+            let folder = tempfile::tempdir().unwrap();
+            let dir = folder.path();
+            for (name, text) in &old {
+                fs::write(dir.join(name), text).unwrap();
+            }
+            let set = Replacement::begin(dir).unwrap();
+            for (name, text) in &new {
+                match name.as_str() {
+                    "folder" => {
+                        fs::create_dir(set.path().join(name)).unwrap();
+                        fs::write(set.path().join(name).join("part"), text).unwrap();
+                    }
+                    _ => fs::write(set.path().join(name), text).unwrap(),
+                }
+            }
+            let steps = set.whole(&["gone"], "report").unwrap();
+            for step in steps.iter().take(kept) {
+                step.make().unwrap();
+                let seen = shown(dir);
+                assert!(
+                    seen.iter().all(|s| old.contains(s)) || seen.iter().all(|s| new.contains(s)),
+                    "{kept}: {seen:?}"
+                );
+                let has_last = seen.iter().any(|(name, _)| name == "report");
+                assert!(!has_last || seen == new || seen == old, "{kept}: {seen:?}");
+            }
+            // Nothing of it is dropped in a kill, but its lock ends.
+            let Replacement {
+                _alive,
+                folder: aside,
+                _made,
+                dir: target,
+            } = set;
+            drop(_alive);
+            let aside = aside.keep();
+            std::mem::forget(target);
+            settle_folder(dir, &aside);
+            assert_eq!(shown(dir), new, "{kept}");
+            assert!(!aside.exists());
+            if kept > steps.len() {
+                break;
+            }
+        }
+    }
 }

@@ -45,9 +45,10 @@ const TREMOR: [f64; 3] = [0.004, 0.01, 0.003];
 const FINGERS: f64 = 0.67;
 /// Share of the balls whose dots are in clusters.
 const CLUSTERED: f64 = 0.4;
-/// A place is shown that faces the camera so far in so many frames.
+/// A place is shown that faces the camera so far in so many frames; a dot in so many, as docs/hand-drawn.md asks for.
 const FACING: f64 = 0.25;
 const VIEWS: usize = 3;
+const DOT_VIEWS: usize = 10;
 /// A dot that is seen in fewer of the views in which it faces the camera is hidden by print.
 const HIDDEN: f64 = 0.3;
 /// Places at which it is looked up what is shown.
@@ -73,6 +74,15 @@ pub enum Habits {
     Any,
     /// As docs/hand-drawn.md asks for.
     Guided,
+}
+
+/// How a stroke begins and ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Strokes {
+    /// Slowly, with pauses between strokes.
+    Eased,
+    /// From one frame to the next, about another axis: as even a turn as a motor's, the ball taken anew in no time.
+    Abrupt,
 }
 
 /// A clip that is yet to be rendered.
@@ -103,7 +113,13 @@ impl HandClip {
     ///
     /// # Errors
     /// Settings that cannot be drawn from.
-    pub fn random(looks: &SynthConfig, habits: Habits, seed: u64, k: u64) -> Outcome<Self> {
+    pub fn random(
+        looks: &SynthConfig,
+        habits: Habits,
+        strokes: Strokes,
+        seed: u64,
+        k: u64,
+    ) -> Outcome<Self> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(k);
         let ball_mm = log_between(BALL_MM, &mut rng);
@@ -139,7 +155,8 @@ impl HandClip {
         let frames = log_between(lengths.map(|n| n as f64), &mut rng).round() as usize;
         let fps = if rng.random_bool(0.7) { 30.0 } else { 240.0 };
         let fingers = rng.random_bool(FINGERS).then_some(&config);
-        let scenes = turned(&scene, (frames, fps), habits, fingers, &truth, &mut rng)?;
+        let hand = (habits, strokes);
+        let scenes = turned(&scene, (frames, fps), hand, fingers, &truth, &mut rng)?;
         Ok(Self {
             truth,
             dot_radius_rad,
@@ -180,7 +197,7 @@ impl HandClip {
         let shown = faced.iter().filter(|n| **n >= VIEWS).count();
         let is_hidden = |[facing, seen]: &[usize; 2]| (*seen as f64) < HIDDEN * *facing as f64;
         Ok(Shown {
-            all_dots: views.iter().all(|[facing, _]| *facing >= VIEWS),
+            all_dots: views.iter().all(|[facing, _]| *facing >= DOT_VIEWS),
             share: shown as f64 / places.len() as f64,
             hidden: views.iter().map(is_hidden).collect(),
         })
@@ -260,7 +277,7 @@ fn drawn_by_hand<R: Rng + ?Sized>(radius: f64, habits: Habits, rng: &mut R) -> O
 fn turned<R: Rng + ?Sized>(
     scene: &Scene,
     (frames, fps): (usize, f64),
-    habits: Habits,
+    (habits, strokes): (Habits, Strokes),
     fingers: Option<&SynthConfig>,
     truth: &Pattern,
     rng: &mut R,
@@ -288,13 +305,20 @@ fn turned<R: Rng + ?Sized>(
         let about = axes[axes.len() * scenes.len() / frames];
         let axis = (about + random_direction(rng) * 0.3).normalize();
         let stroke = (rng.random_range(STROKE[0]..STROKE[1]) / step).ceil() as usize;
-        let pause = rng.random_range(PAUSE);
+        let pause = match (strokes, rng.random_range(PAUSE)) {
+            (Strokes::Eased, pause) => pause,
+            (Strokes::Abrupt, _) => 0,
+        };
         scene.occluder = match fingers {
             Some(config) => Some(a_finger(truth, config, rng)?),
             None => None,
         };
         for i in 0..stroke + pause {
-            let turn = axis * stroke_turn(i, stroke, step) + random_direction(rng) * TREMOR[0];
+            let turn = match strokes {
+                Strokes::Eased => stroke_turn(i, stroke, step),
+                Strokes::Abrupt => step,
+            };
+            let turn = axis * turn + random_direction(rng) * TREMOR[0];
             let mut frame = scene.clone();
             frame.rotation = rotation;
             frame.spin = turn * fps;

@@ -13,10 +13,22 @@
 //! orientations that the dots alone give. Where frames are too far apart to say how the ball turned
 //! between them, and no single spin explains them, there is no such prior.
 //!
+//! A hand takes the ball anew, or a clip is cut: then the ball turns abruptly. An interval is that with the
+//! probability [`ABRUPT`], and then any rotation is as likely as another and the spin is another one of the
+//! clip's. Of such a mixture
+//!
+//! ```text
+//! p(r, s) = (1 - e) N(r, s; 0, cov(r, s)) + e N(s; 0, v I) / 8 pi^2
+//! ```
+//!
+//! an interval counts by the probabilities of its two parts, as in expectation maximization.
+//!
 //! An uneven ball's spin changes without any torque. Where the frames show a precession
 //! ([`crate::spin::precession`]), the turn `q` that is fixed in the ball is taken off: `R exp([q]x t)`
 //! stands for `R`, `w` is the part that is fixed in space, and times are those of a clock that slows
 //! down as the spin decays.
+
+use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Matrix3, SMatrix, SVector};
 
@@ -41,6 +53,8 @@ const CHI2_3_MEDIAN: f64 = 2.366;
 const EVEN_FRAMES: f64 = 8.0;
 /// Numbers of frames over which the change of the rate is measured.
 const SPANS: [usize; 4] = [1, 2, 4, 8];
+/// Probability that the ball turns abruptly between two frames.
+const ABRUPT: f64 = 0.01;
 /// Start of the orientation and of the spin within a frame's block.
 const TURN: usize = 0;
 /// See [`TURN`].
@@ -53,6 +67,8 @@ pub(super) struct MotionPrior {
     intervals: Vec<f64>,
     /// Density of the angular acceleration, rad^2/s^3.
     density: f64,
+    /// Variance per axis of the spin's change where the ball turns abruptly, rad^2/s^2.
+    abrupt_variance: f64,
     /// Spin at each frame to start from, less `body_rate`, rad/s.
     pub spins: Vec<Vec3>,
     /// The turn that is fixed in the ball, pattern frame, rad/s.
@@ -106,9 +122,14 @@ impl MotionPrior {
                 (a, b) => a.or(b)?,
             });
         }
+        // Another spin of the clip's: the variance of both.
+        let squares = rates.iter().map(Vec3::norm_squared).sum::<f64>();
+        let abrupt_variance = 2.0 / 3.0 * squares / rates.len() as f64;
+        let usual = density * median(&mut intervals.clone());
         Some(Self {
             intervals,
             density,
+            abrupt_variance: abrupt_variance.max(usual),
             spins,
             body_rate,
         })
@@ -148,8 +169,8 @@ impl MotionPrior {
         (residual, [here, next])
     }
 
-    /// Inverse covariance of the residual over interval `k`.
-    fn information(&self, k: usize) -> SMatrix<f64, 6, 6> {
+    /// Inverse covariance of the residual over interval `k` where the ball turns smoothly.
+    fn smooth_information(&self, k: usize) -> SMatrix<f64, 6, 6> {
         let (t, q) = (self.intervals[k], self.density);
         let mut information = SMatrix::<f64, 6, 6>::zeros();
         for axis in 0..3 {
@@ -161,25 +182,58 @@ impl MotionPrior {
         information
     }
 
-    /// Weakens the prior where its residuals are larger than it allows; whether that was so.
+    /// What a residual over interval `k` says of it.
+    fn judge(&self, k: usize, residual: &SVector<f64, 6>) -> Interval {
+        let (t, q, v) = (self.intervals[k], self.density, self.abrupt_variance);
+        let information = self.smooth_information(k);
+        let smooth_squared = residual.dot(&(information * residual));
+        let abrupt_squared = residual.fixed_rows::<3>(3).norm_squared() / v;
+        // Densities at a residual of zero, the abrupt over the smooth: det cov(r, s) = (q^2 t^4 / 12)^3.
+        let peaks = TAU.powf(1.5) * (q * q * t.powi(4) / (12.0 * v)).powf(1.5) / (2.0 * TAU * PI);
+        let odds = ABRUPT / (1.0 - ABRUPT) * peaks;
+        let [smooth, abrupt] = [-0.5 * smooth_squared, odds.ln() - 0.5 * abrupt_squared];
+        let smooth_share = 1.0 / (1.0 + (abrupt - smooth).exp());
+        let mut mixed = information * smooth_share;
+        for axis in 3..6 {
+            mixed[(axis, axis)] += (1.0 - smooth_share) / v;
+        }
+        let likelier = smooth.max(abrupt);
+        let other = smooth.min(abrupt);
+        Interval {
+            smooth_share,
+            smooth_squared,
+            information: mixed,
+            // Zero at a residual of zero.
+            cost: odds.ln_1p() - likelier - (other - likelier).exp().ln_1p(),
+        }
+    }
+
+    fn intervals(&self, rotations: &[Rotation], spins: &[Vec3]) -> impl Iterator<Item = Interval> {
+        (0..self.intervals.len()).map(move |k| {
+            let at = k + 1;
+            let (r, _) = self.residual(k, [&rotations[k], &rotations[at]], [&spins[k], &spins[at]]);
+            self.judge(k, &r)
+        })
+    }
+
+    /// Weakens the prior where its residuals, of what turns smoothly, are larger than it allows; whether that was so.
     pub fn relax(&mut self, rotations: &[Rotation], spins: &[Vec3]) -> bool {
         // Six residuals an interval, each of which would have a square of 1.
-        let mean = 2.0 * self.cost(rotations, spins) / (6.0 * self.intervals.len() as f64);
-        let too_strong = mean > 1.0;
+        let (mut squares, mut count) = (0.0, 0.0);
+        for interval in self.intervals(rotations, spins) {
+            squares += interval.smooth_share * interval.smooth_squared;
+            count += 6.0 * interval.smooth_share;
+        }
+        let too_strong = squares > count;
         if too_strong {
-            self.density *= mean;
+            self.density *= squares / count;
         }
         too_strong
     }
 
-    /// Half the squared Mahalanobis length of all residuals.
+    /// The negative logarithm of the density of all residuals, over that of none.
     pub fn cost(&self, rotations: &[Rotation], spins: &[Vec3]) -> f64 {
-        let cost = |k: usize| {
-            let at = k + 1;
-            let (r, _) = self.residual(k, [&rotations[k], &rotations[at]], [&spins[k], &spins[at]]);
-            0.5 * r.dot(&(self.information(k) * r))
-        };
-        (0..self.intervals.len()).map(cost).sum()
+        self.intervals(rotations, spins).map(|i| i.cost).sum()
     }
 
     /// Adds the prior to the normal equations.
@@ -188,7 +242,7 @@ impl MotionPrior {
             let at = k + 1;
             let (residual, [here, next]) =
                 self.residual(k, [&rotations[k], &rotations[at]], [&spins[k], &spins[at]]);
-            let information = self.information(k);
+            let information = self.judge(k, &residual).information;
             let weighted: [SMatrix<f64, BLOCK, 6>; 2] = [
                 here.transpose() * information,
                 next.transpose() * information,
@@ -201,6 +255,18 @@ impl MotionPrior {
             equations.gradient[at] -= weighted[1] * residual;
         }
     }
+}
+
+/// What the residual over the time between two frames says.
+struct Interval {
+    /// Probability that the ball turns smoothly.
+    smooth_share: f64,
+    /// Squared Mahalanobis length, if it does.
+    smooth_squared: f64,
+    /// Expected inverse covariance.
+    information: SMatrix<f64, 6, 6>,
+    /// See [`MotionPrior::cost`].
+    cost: f64,
 }
 
 /// The motion from which the rates are taken.
@@ -302,6 +368,7 @@ mod tests {
         let prior = MotionPrior {
             intervals: vec![0.02],
             density: 1.0,
+            abrupt_variance: 1.0,
             spins: Vec::new(),
             body_rate: Vec3::new(3.0, -8.0, 5.0),
         };
@@ -330,6 +397,67 @@ mod tests {
                 let off = (found - jacobian.column(column)).norm();
                 assert!(off < 1e-4, "frame {which}, column {column}: {off}");
             }
+        }
+    }
+
+    #[test]
+    fn an_abrupt_turn_is_none_of_the_prior_s() {
+        let turn = |k: u32| match k {
+            0..=30 => Rotation::from_scaled_axis(Vec3::y() * 0.14 * f64::from(k)),
+            _ => {
+                Rotation::from_scaled_axis(Vec3::x() * 0.14 * f64::from(k - 30))
+                    * Rotation::from_scaled_axis(Vec3::y() * 4.2)
+            }
+        };
+        let pose = |k: u32| TimedPose {
+            time_s: f64::from(k) / 30.0,
+            rotation: turn(k),
+            variance: 1e-6,
+        };
+        let poses: Vec<TimedPose> = (0..61).map(pose).collect();
+        let mut prior = MotionPrior::learn(&poses).unwrap();
+        let (density, spins) = (prior.density, prior.spins.clone());
+        let rotations: Vec<Rotation> = poses.iter().map(|p| p.rotation).collect();
+        for (k, interval) in prior.intervals(&rotations, &spins).enumerate() {
+            // The spin at the turn's frame is that between.
+            let is_smooth = k != 29 && k != 30;
+            let share = interval.smooth_share;
+            assert!(is_smooth && share > 0.99 || share < 0.01, "{k}: {share}");
+        }
+        assert!(!prior.relax(&rotations, &spins));
+        assert_eq!(prior.density, density);
+    }
+
+    #[test]
+    fn the_cost_is_the_mixture_s() {
+        let prior = MotionPrior {
+            intervals: vec![0.02],
+            density: 3.0,
+            abrupt_variance: 50.0,
+            spins: Vec::new(),
+            body_rate: Vec3::zeros(),
+        };
+        let normal = |r: &SVector<f64, 6>| {
+            let covariance = prior.smooth_information(0).try_inverse().unwrap();
+            let volume = (TAU.powi(6) * covariance.determinant()).sqrt();
+            let squared = r.dot(&(prior.smooth_information(0) * r));
+            let of_spin = r.fixed_rows::<3>(3).norm_squared() / prior.abrupt_variance;
+            let of_spin = (-0.5 * of_spin).exp() / (TAU * prior.abrupt_variance).powf(1.5);
+            // The volume of all rotations is 8 pi^2.
+            [
+                (1.0 - ABRUPT) * (-0.5 * squared).exp() / volume,
+                ABRUPT * of_spin / (8.0 * PI * PI),
+            ]
+        };
+        let none: f64 = normal(&SVector::zeros()).iter().sum();
+        for scale in [0.0, 0.3, 1.0, 3.0, 10.0] {
+            let r = SVector::<f64, 6>::new(0.001, 0.0, -0.002, 0.1, 0.3, -0.2) * scale;
+            let [smooth, abrupt] = normal(&r);
+            let of = prior.judge(0, &r);
+            let cost = (none / (smooth + abrupt)).ln();
+            assert!((of.cost - cost).abs() < 1e-9 * (1.0 + cost), "{scale}");
+            let share = smooth / (smooth + abrupt);
+            assert!((of.smooth_share - share).abs() < 1e-9, "{scale}");
         }
     }
 

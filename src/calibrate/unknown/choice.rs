@@ -1,11 +1,12 @@
 //! Which of a ball's marks are taken for its dots, where that is clear.
 //!
 //! Nothing may be in doubt, and no dot may be hidden: the expected number of dots where no view shows the surface, or where fingers cover it in most views,
-//! must be small. Where it is in doubt a person who looks at the ball's surface can say which marks are its dots. A number of dots checks, and
-//! decides where as many marks look like dots and nothing else does: what is in doubt is then none.
+//! must be small. Where it is in doubt a person who looks at the ball's surface can say which marks are its dots. A number of dots decides on a ball
+//! without print where it makes one set of marks likely ([`counted`]): what is in doubt then are dots, or none.
 
 use super::UnknownRejection;
-use super::candidates::{Candidates, Kind, MarkCandidate};
+use super::candidates::{A_DOT, Candidates, Kind, MarkCandidate};
+use super::count::counted;
 use crate::geometry::{Vec3, angle_between};
 use crate::surface::Darkness;
 
@@ -37,14 +38,12 @@ impl KnownDots {
     /// Whether so many marks like dots are all of a ball's dots, beside so many in doubt.
     fn check(&self, likely: usize, doubtful: usize) -> Result<(), UnknownRejection> {
         match *self {
-            // Where as many look like dots as there are, what is in doubt is none.
-            Self::Number(expected) if expected == likely => Ok(()),
             _ if doubtful > 0 => Err(UnknownRejection::Doubtful { likely, doubtful }),
-            Self::Number(expected) => {
+            Self::Number(expected) if expected != likely => {
                 let found = likely;
                 Err(UnknownRejection::WrongNumber { expected, found })
             }
-            Self::Nothing | Self::Marks(_) => Ok(()),
+            _ => Ok(()),
         }
     }
 }
@@ -88,6 +87,13 @@ impl Candidates {
         if let KnownDots::Marks(said) = known {
             return self.said(said);
         }
+        let covered = self.covered(surface);
+        let share = covered.len() as f64 / surface.places.len() as f64;
+        if let KnownDots::Number(number) = *known
+            && let Some(dots) = self.settled(number, share)
+        {
+            return Ok(dots);
+        }
         if let Some(away) = of(Kind::TurnedAway).next() {
             let dots = of(Kind::TurnedAway).count();
             let rejection = UnknownRejection::TurnedAway { dots };
@@ -98,8 +104,6 @@ impl Candidates {
         if self.is_printed {
             return Err(UnknownRejection::Printed { likely, doubtful }.into());
         }
-        let covered = self.covered(surface);
-        let share = covered.len() as f64 / surface.places.len() as f64;
         if let Some(first) = covered.first()
             && share * likely as f64 > MAX_COVERED
         {
@@ -111,6 +115,23 @@ impl Candidates {
         }
         known.check(likely, doubtful)?;
         Ok(of(Kind::Dot).collect())
+    }
+
+    /// The dots, where there are so many and that settles which marks they are. Print may have marks like dots, all alike: there a number settles
+    /// nothing. `covered` is the share of the surface that is covered in most views.
+    fn settled(&self, number: usize, covered: f64) -> Option<Vec<MarkCandidate>> {
+        if self.is_printed {
+            return None;
+        }
+        let hidden = (self.blind + covered) * number as f64;
+        let probabilities: Vec<f64> = self.dots.iter().map(MarkCandidate::is_dot).collect();
+        let by_number = counted(&probabilities, hidden, number);
+        (by_number.likeliest >= A_DOT).then(|| {
+            let mut dots = self.dots.clone();
+            dots.sort_by(|a, b| b.is_dot().total_cmp(&a.is_dot()));
+            dots.truncate(number);
+            dots
+        })
     }
 
     /// The marks that are said to be the dots.
@@ -150,11 +171,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_known_number_of_likely_dots_settles_doubtful_marks() {
+    fn marks_in_doubt_and_other_numbers_are_refused() {
         let number = KnownDots::Number(18);
         assert_eq!(number.check(18, 0), Ok(()));
-        assert_eq!(number.check(18, 1), Ok(()));
-        for (known, likely) in [(&KnownDots::Nothing, 18), (&number, 17), (&number, 19)] {
+        for (known, likely) in [
+            (&KnownDots::Nothing, 18),
+            (&number, 17),
+            (&number, 18),
+            (&number, 19),
+        ] {
             let words = known.check(likely, 1).expect_err("a refusal").to_string();
             let said =
                 format!("1 mark may be a dot or print, beside {likely} marks that look like dots");

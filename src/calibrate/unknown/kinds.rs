@@ -4,7 +4,7 @@
 //! what hardly faces the camera and may be a dot is *turned away*. Of what the detector sees and the surface does not show a dot is what looks like one on a
 //! ball without print. Where there is print, it may have discs too: there a person must say which marks are the dots.
 
-use super::candidates::{Candidates, Kind, MarkCandidate};
+use super::candidates::{A_DOT, Candidates, Kind, MarkCandidate, NO_DOT};
 use super::contrast::Contrast;
 use super::evidence::{MarkEvidence, SUSPECTED};
 use super::map::{DotMap, MapDot};
@@ -25,11 +25,6 @@ const WITHIN: [f64; 2] = [1.6, 0.03];
 /// A detection so near a mark, radians, in a view that it faces so far, is that mark.
 const NEAR: f64 = 0.08;
 const FACES: f64 = 0.2;
-/// A mark that is more likely is a dot, one that is less likely none. Of 99 hand-drawn balls without print (`bench calibration-unknown`, seeds 36510001
-/// and, with --guided, 36510002) 70 have all marks right, 29 some in doubt or turned away, none a wrong one; of 26 whose print is not found as such
-/// (36510003) 14, 8 and 4. With 0.8 and 0.95 for the first limit it is 73, 26, 0 and 61, 38, 0, with twice the second 70, 27, 2.
-const A_DOT: f64 = 0.9;
-const NO_DOT: f64 = 0.05;
 /// A mark that is shown by a smaller share of its views is a finger or a shadow. Of 14 that fingers left in 8 views or more, on 39 plain
 /// balls (`bench calibration-unknown`, seeds 35100001 and with --guided 35300001, 20 clips each), all had 0.68 at most; dots that were
 /// not in the map had 0.73 or more.

@@ -18,6 +18,7 @@ mod candidates;
 mod choice;
 mod confirm;
 mod contrast;
+mod count;
 mod coverage;
 mod design;
 mod evidence;
@@ -48,7 +49,7 @@ pub use crate::surface::SurfacePlace;
 use map::DotMap;
 use marks::{MiddleDisc, marks};
 use seen::UsableFrame;
-pub use survey::{MarkedSurface, MissingSide, Side, SurfaceMark, Survey};
+pub use survey::{DecidedMarks, MarkedSurface, MissingSide, Side, SurfaceMark, Survey};
 
 /// What so many marks are.
 fn a_dot(count: usize) -> &'static str {

@@ -17,6 +17,9 @@ const VISIBLE: f64 = 0.2;
 /// A mark that is less likely a dot is not shown to a person: of 1 483 marks that are none 39 % have more, and all dots do.
 const WORTH_A_LOOK: f64 = 0.001;
 
+/// A fit moves no dot so far, radians; marks are farther apart.
+const SAME_DOT: f64 = 0.05;
+
 /// What a clip shows of a ball without a table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Survey {
@@ -37,13 +40,23 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// Marks in doubt that a pattern leaves out, since as many others look like dots as there are.
-    pub fn left_out(&self) -> usize {
+    /// What the number of a ball's dots has decided of the marks in doubt, where that has given a pattern.
+    pub fn decided(&self) -> DecidedMarks {
+        let Ok(built) = &self.pattern else {
+            return DecidedMarks::default();
+        };
         let marks = self.surface.iter().flat_map(|s| &s.marks);
-        let doubtful = marks.filter(|mark| mark.kind == MarkKind::Doubtful);
-        match self.pattern {
-            Ok(_) => doubtful.count(),
-            Err(_) => 0,
+        let in_doubt =
+            marks.filter(|mark| matches!(mark.kind, MarkKind::Doubtful | MarkKind::TurnedAway));
+        let is_dot = |mark: &SurfaceMark| {
+            let dots = built.pattern.dots().iter();
+            dots.map(|dot| angle_between(dot, &mark.direction))
+                .any(|off| off < SAME_DOT)
+        };
+        let (dots, others): (Vec<&SurfaceMark>, Vec<_>) = in_doubt.partition(|m| is_dot(m));
+        DecidedMarks {
+            dots: dots.len(),
+            others: others.len(),
         }
     }
 
@@ -59,6 +72,15 @@ impl Survey {
             pattern: Err(rejection),
         }
     }
+}
+
+/// Marks in doubt that the number of dots has decided.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct DecidedMarks {
+    /// Those that are dots.
+    pub dots: usize,
+    /// Those that are none.
+    pub others: usize,
 }
 
 /// A ball's surface as a clip shows it, in a frame of its own.

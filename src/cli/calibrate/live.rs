@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::clip::{CalibratedClip, IdentifiedFrames};
-use super::unknown::{say_left_out, stand_in};
+use super::unknown::{say_decided, stand_in};
 use super::{Arguments, no_answer};
 use crate::ball::Ball;
 use crate::calibrate::live::{LiveClip, LivePattern};
@@ -63,11 +63,11 @@ pub(super) fn read(
         }
         no_answer(pipe.name.clone(), &reason)
     };
-    let left_out = survey.left_out();
+    let decided = survey.decided();
     let missing = survey.missing;
     let built = survey.pattern;
     let built = built.map_err(|why| refused(&why, missing.as_ref()))?;
-    say_left_out(arguments, left_out);
+    say_decided(arguments, decided);
     let found = clip.confirm(built)?;
     Ok(found.map_err(|why| refused(&why, why.side()))?.into())
 }
@@ -115,11 +115,11 @@ fn filmed(
         }
         let Some(survey) = clip.poll()? else { continue };
         say(&survey);
-        let left_out = survey.left_out();
+        let decided = survey.decided();
         if let Ok(built) = survey.pattern {
             match clip.confirm(built)? {
                 Ok(found) => {
-                    say_left_out(arguments, left_out);
+                    say_decided(arguments, decided);
                     break Some(found);
                 }
                 Err(why) => errln!("not yet: {}", and_now(&why, why.side())),

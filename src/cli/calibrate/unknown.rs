@@ -6,8 +6,9 @@ use super::clip::IdentifiedFrames;
 use super::{Arguments, marks, no_answer};
 use crate::ball::Ball;
 use crate::calibrate::{
-    BuiltPattern, Calibration, CalibrationConfig, KnownDots, MarkedSurface, MissingSide,
-    SurfaceObserver, Survey, UnknownRejection, calibrate_built, matching_design, survey,
+    BuiltPattern, Calibration, CalibrationConfig, DecidedMarks, KnownDots, MarkedSurface,
+    MissingSide, SurfaceObserver, Survey, UnknownRejection, calibrate_built, matching_design,
+    survey,
 };
 use crate::cli::inputs::{self, Counting, by_input};
 use crate::cli::output::{command_line, is_quiet};
@@ -84,7 +85,7 @@ pub(super) fn find(
         );
     }
     let survey = survey(&frames, &shown, known, config)?;
-    say_left_out(arguments, survey.left_out());
+    say_decided(arguments, survey.decided());
     let Survey {
         pattern,
         surface,
@@ -137,14 +138,18 @@ fn refused(
     no_answer(inputs::named(&arguments.clip), &reason)
 }
 
-/// Says that marks in doubt are none of the dots, whose number is given.
-pub(super) fn say_left_out(arguments: &Arguments, marks: usize) {
-    let is_left_out = marks > 0 && arguments.marks.is_none();
-    if let (Some(dots), true) = (arguments.dots, is_left_out) {
+/// Says what the number of dots has decided.
+pub(super) fn say_decided(arguments: &Arguments, marks: DecidedMarks) {
+    let DecidedMarks { dots, others } = marks;
+    if let Some(number) = arguments.dots
+        && arguments.marks.is_none()
+        && dots + others > 0
+    {
         errln!(
-            "note: as many marks look like dots as --dots says ({dots}): {} in doubt {} left out",
-            counted(marks, "mark"),
-            are(marks)
+            "note: {number} dots, as --dots says, decide what is in doubt: of {} {dots} {} {}",
+            counted(dots + others, "mark"),
+            are(dots),
+            if dots == 1 { "a dot" } else { "dots" }
         );
     }
 }

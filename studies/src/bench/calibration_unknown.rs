@@ -19,7 +19,7 @@ use spindoe::synth::SynthConfig;
 use spindoe::validate::Proportion;
 use spindoe_studies::Outcome;
 use spindoe_studies::frames::{alone, estimator};
-use spindoe_studies::hand::{Habits, HandClip};
+use spindoe_studies::hand::{Habits, HandClip, Strokes};
 
 use crate::marks::{SeenClip, named};
 
@@ -73,6 +73,9 @@ pub struct Args {
     /// Dots and turns as docs/hand-drawn.md asks for.
     #[arg(long)]
     guided: bool,
+    /// Even strokes, each about another axis from one frame to the next.
+    #[arg(long)]
+    abrupt: bool,
     /// Give the number of the dots that can be seen.
     #[arg(long)]
     counted: bool,
@@ -157,7 +160,11 @@ impl Args {
 
 impl Args {
     fn judge(&self, looks: &SynthConfig, habits: Habits, k: u64) -> Outcome<Judged> {
-        let clip = HandClip::random(looks, habits, self.seed, k)?;
+        let strokes = match self.abrupt {
+            false => Strokes::Eased,
+            true => Strokes::Abrupt,
+        };
+        let clip = HandClip::random(looks, habits, strokes, self.seed, k)?;
         let SeenClip {
             estimates,
             taken,

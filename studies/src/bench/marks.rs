@@ -9,7 +9,7 @@ use spindoe::vision::{FrameEstimate, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 use spindoe_studies::Outcome;
 use spindoe_studies::frames::estimator;
-use spindoe_studies::hand::{Habits, HandClip, Shown};
+use spindoe_studies::hand::{Habits, HandClip, Shown, Strokes};
 
 /// A mark, and whether it is a dot.
 pub struct JudgedMark {
@@ -71,7 +71,8 @@ pub fn fitting_marks(clips: u64, seed: u64) -> Outcome<Vec<JudgedMark>> {
                 _ => Habits::Guided,
             };
             let looks = &looks[usize::from(k % 4 == 3)];
-            let clip = HandClip::random(looks, habits, seed, k).map_err(|e| e.to_string())?;
+            let clip = HandClip::random(looks, habits, Strokes::Eased, seed, k)
+                .map_err(|e| e.to_string())?;
             judged_marks(&clip).map_err(|e| e.to_string())
         })
         .collect();

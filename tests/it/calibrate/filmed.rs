@@ -22,9 +22,9 @@ fn what_is_filmed_is_judged_when_it_shows_the_ball_or_breaks_off() {
         stream.extend(fs::read(&path).unwrap());
         ends.push(stream.len());
     }
-    // This ball turns about another axis from one frame to the next: no smooth rotation.
+    // This ball turns about another axis from one frame to the next.
     let live = |name: &str| {
-        let command = "calibrate --live --fps 30 --config no_smooth=true --samples 0 -o ball";
+        let command = "calibrate --live --fps 30 --samples 0 -o ball";
         let command: Vec<&str> = command.split(' ').chain([name]).collect();
         let done = spindoe(dir, &command);
         let words = String::from_utf8_lossy(&done.stderr).into_owned();
