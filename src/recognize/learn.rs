@@ -15,6 +15,9 @@
 //! F_e(f) = ln P_f(k) + ln k! - k ln A                                 k false dots, uniform over A
 //! ```
 //!
+//! The noise's part is that of the explanation's rotation with Laplace's factor, exact for one Gaussian. For a peaked
+//! density it is biased: once some frames have had a say it is integrated over the rotations (module `integral`).
+//!
 //! Each group has a grid and a discrete distribution over it. [`ConditionsPosterior::learn`]
 //! alternates the explanations' probabilities and the groups' distributions until they settle (mean
 //! field: D. Blei et al., "Variational inference: a review for statisticians", JASA 112, 2017,
@@ -31,15 +34,22 @@
 //! Guarantees: the same frames give the same bits. Not guaranteed: that conditions which change
 //! within the file, or from frame to frame, are followed.
 
+mod integral;
+
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use crate::error::{Result, require};
 use crate::view::{Detection, FalseDots, Noise, NoiseShape, ViewModel, visible};
+use integral::Densities;
+pub(super) use integral::{Displacement, information};
 
 /// The noise's scales: steps of an eighth from 0.3 to 3.1.
 const SCALES: usize = 21;
 const MIN_SCALE: f64 = 0.3;
 const SCALE_STEP: f64 = 1.125;
+/// Steps from the likeliest scale up to which the noise is integrated: to 0.6 and 1.6 times it.
+const LIKELY_STEPS: usize = 4;
 /// Parts of a step between which the scale's mean is taken.
 const PARTS: usize = 16;
 const SHAPES: [NoiseShape; 2] = [NoiseShape::HeavyTailed, NoiseShape::RandomAxis];
@@ -159,6 +169,8 @@ struct ConditionsGrid {
     missed: Vec<[f64; VISIBILITIES]>,
     /// ln of each shape's kernel by the number of standard deviations.
     kernels: [Vec<f64>; SHAPES.len()],
+    /// The same with the pole, for the integral.
+    densities: Densities,
     rates: [f64; RATES.len()],
     means: [f64; MEANS.len()],
 }
@@ -181,6 +193,8 @@ pub struct FrameEvidence {
     pub(super) ln_null: f64,
     /// The same, if they are the mirrored pattern's.
     pub(super) ln_mirrored: f64,
+    /// Scratch memory: the dots of the explanation in hand.
+    pub(super) displacements: Vec<Displacement>,
 }
 
 fn scale(noise: usize) -> f64 {
@@ -218,6 +232,7 @@ impl ConditionsGrid {
                     .map(at)
                     .collect()
             }),
+            densities: Densities::new(),
             rates,
             means,
         }
@@ -575,6 +590,38 @@ impl ConditionsPosterior {
             scale,
             matched: 0,
         }
+    }
+
+    /// Integrates the noise's part of an explanation over the rotations about its own, for the scales that are likely;
+    /// the others keep what they have there, as far above the nearest one's.
+    pub(super) fn integrate_noise(
+        &self,
+        scale: f64,
+        dots: &mut [Displacement],
+        to: &mut LnLikelihood,
+    ) {
+        let at_rotation = to.noise;
+        let likely = self.likely_scales();
+        let ends = [likely.start, likely.end - 1];
+        let densities = &self.grid.densities;
+        let integrated = densities.integrate(scale, dots, likely, &mut to.noise);
+        if integrated.is_none() {
+            return;
+        }
+        for n in 0..NOISES {
+            let nearest = n - n % SCALES + (n % SCALES).clamp(ends[0], ends[1]);
+            if nearest != n {
+                to.noise[n] = at_rotation[n] + to.noise[nearest] - at_rotation[nearest];
+            }
+        }
+    }
+
+    /// The scales within [`LIKELY_STEPS`] of the likeliest one.
+    fn likely_scales(&self) -> Range<usize> {
+        let noise = &self.weights.noise;
+        let best = (0..NOISES).max_by(|&a, &b| noise[a].total_cmp(&noise[b]));
+        let best = best.unwrap_or_default() % SCALES;
+        best.saturating_sub(LIKELY_STEPS)..(best + LIKELY_STEPS + 1).min(SCALES)
     }
 
     /// ln of the density of so many dots, uniform over [`FALSE_AREA`], if they are not the pattern's: as many as a
