@@ -15,6 +15,9 @@
 //! F_e(f) = ln P_f(k) + ln k! - k ln A                                 k false dots, uniform over A
 //! ```
 //!
+//! The noise's part is that of the explanation's rotation with Laplace's factor, exact for one Gaussian. For a peaked
+//! density it is biased: once some frames have had a say it is integrated over the rotations (module `integral`).
+//!
 //! Each group has a grid and a discrete distribution over it. [`ConditionsPosterior::learn`]
 //! alternates the explanations' probabilities and the groups' distributions until they settle (mean
 //! field: D. Blei et al., "Variational inference: a review for statisticians", JASA 112, 2017,
@@ -31,15 +34,24 @@
 //! Guarantees: the same frames give the same bits. Not guaranteed: that conditions which change
 //! within the file, or from frame to frame, are followed.
 
+mod integral;
+
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 use crate::error::{Result, require};
 use crate::view::{Detection, FalseDots, Noise, NoiseShape, ViewModel, visible};
+use integral::Densities;
+pub(super) use integral::{Displacement, information};
 
 /// The noise's scales: steps of an eighth from 0.3 to 3.1.
 const SCALES: usize = 21;
 const MIN_SCALE: f64 = 0.3;
 const SCALE_STEP: f64 = 1.125;
+/// Steps from the likeliest scale up to which the noise is integrated: to 0.6 and 1.6 times it.
+const LIKELY_STEPS: usize = 4;
+/// Parts of a step between which the scale's mean is taken.
+const PARTS: usize = 16;
 const SHAPES: [NoiseShape; 2] = [NoiseShape::HeavyTailed, NoiseShape::RandomAxis];
 const NOISES: usize = SCALES * SHAPES.len();
 
@@ -157,6 +169,8 @@ struct ConditionsGrid {
     missed: Vec<[f64; VISIBILITIES]>,
     /// ln of each shape's kernel by the number of standard deviations.
     kernels: [Vec<f64>; SHAPES.len()],
+    /// The same with the pole, for the integral.
+    densities: Densities,
     rates: [f64; RATES.len()],
     means: [f64; MEANS.len()],
 }
@@ -179,6 +193,8 @@ pub struct FrameEvidence {
     pub(super) ln_null: f64,
     /// The same, if they are the mirrored pattern's.
     pub(super) ln_mirrored: f64,
+    /// Scratch memory: the dots of the explanation in hand.
+    pub(super) displacements: Vec<Displacement>,
 }
 
 fn scale(noise: usize) -> f64 {
@@ -216,6 +232,7 @@ impl ConditionsGrid {
                     .map(at)
                     .collect()
             }),
+            densities: Densities::new(),
             rates,
             means,
         }
@@ -264,6 +281,37 @@ fn ln_sum_of_products(a: &[f64], b: &[f64]) -> f64 {
         return max;
     }
     max + terms().map(|t| (t - max).exp()).sum::<f64>().ln()
+}
+
+/// ln of the integral of weights that are known in steps, by their logarithms, and the step that is their mean: between
+/// the steps the logarithms are the cubic through the four nearest ones. Weights narrower than a step would
+/// otherwise leave the mean at one.
+fn over_steps(ln_weights: &[f64]) -> (f64, f64) {
+    let max = ln_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let last = ln_weights.len() - 1;
+    let (mut sum, mut mean) = (0.0, 0.0);
+    for k in 0..=last * PARTS {
+        let at = k as f64 / PARTS as f64;
+        let first = (k / PARTS).saturating_sub(1).min(last - 3);
+        let cubic = lagrange(at - first as f64);
+        let terms = cubic.iter().zip(&ln_weights[first..]);
+        let ln_weight: f64 = terms.map(|(c, w)| c * w).sum();
+        let weight = (ln_weight - max).exp();
+        sum += weight;
+        mean += weight * at;
+    }
+    (max + (sum / PARTS as f64).ln(), mean / sum)
+}
+
+/// What the values at 0, 1, 2 and 3 have in that of their cubic at `x` (Lagrange).
+fn lagrange(x: f64) -> [f64; 4] {
+    let [a, b, c, d] = [x, x - 1.0, x - 2.0, x - 3.0];
+    [
+        -b * c * d / 6.0,
+        a * c * d / 2.0,
+        -a * b * d / 2.0,
+        a * b * c / 6.0,
+    ]
 }
 
 impl GridWeights {
@@ -491,12 +539,10 @@ impl ConditionsPosterior {
     /// holds what is not learned.
     pub fn expected(&self, base: &ViewModel) -> ViewModel {
         let w = &self.weights;
-        let of_shape = |s: usize| ln_sum(&w.noise[s * SCALES..][..SCALES]);
-        let best = usize::from(of_shape(1) > of_shape(0));
-        let within = best * SCALES..(best + 1) * SCALES;
-        let ln_scale: f64 = within
-            .map(|n| (w.noise[n] - of_shape(best)).exp() * scale(n).ln())
-            .sum();
+        let [heavy_tailed, random_axis] =
+            [0, 1].map(|s| over_steps(&w.noise[s * SCALES..][..SCALES]));
+        let best = usize::from(random_axis.0 > heavy_tailed.0);
+        let (_, step) = [heavy_tailed, random_axis][best];
         let mean = |of: &dyn Fn(usize) -> f64| -> f64 {
             (0..VISIBILITIES)
                 .map(|v| w.visibility[v].exp() * of(v))
@@ -518,7 +564,7 @@ impl ConditionsPosterior {
         ViewModel {
             visibility_limit: mean(&limit),
             noise: Noise::of_shape(SHAPES[best], base.noise.tangent_sigma_rad()),
-            noise_scale: ln_scale.exp(),
+            noise_scale: MIN_SCALE * SCALE_STEP.powf(step),
             detection: Detection::Each {
                 probability: mean(&|v| self.grid.rates[v % RATES.len()]),
             },
@@ -546,6 +592,38 @@ impl ConditionsPosterior {
         }
     }
 
+    /// Integrates the noise's part of an explanation over the rotations about its own, for the scales that are likely;
+    /// the others keep what they have there, as far above the nearest one's.
+    pub(super) fn integrate_noise(
+        &self,
+        scale: f64,
+        dots: &mut [Displacement],
+        to: &mut LnLikelihood,
+    ) {
+        let at_rotation = to.noise;
+        let likely = self.likely_scales();
+        let ends = [likely.start, likely.end - 1];
+        let densities = &self.grid.densities;
+        let integrated = densities.integrate(scale, dots, likely, &mut to.noise);
+        if integrated.is_none() {
+            return;
+        }
+        for n in 0..NOISES {
+            let nearest = n - n % SCALES + (n % SCALES).clamp(ends[0], ends[1]);
+            if nearest != n {
+                to.noise[n] = at_rotation[n] + to.noise[nearest] - at_rotation[nearest];
+            }
+        }
+    }
+
+    /// The scales within [`LIKELY_STEPS`] of the likeliest one.
+    fn likely_scales(&self) -> Range<usize> {
+        let noise = &self.weights.noise;
+        let best = (0..NOISES).max_by(|&a, &b| noise[a].total_cmp(&noise[b]));
+        let best = best.unwrap_or_default() % SCALES;
+        best.saturating_sub(LIKELY_STEPS)..(best + LIKELY_STEPS + 1).min(SCALES)
+    }
+
     /// ln of the density of so many dots, uniform over [`FALSE_AREA`], if they are not the pattern's: as many as a
     /// view of a pattern of `pattern_dots` dots has (Poisson), summed over all conditions.
     pub(super) fn ln_null(&self, dots: usize, pattern_dots: usize) -> f64 {
@@ -565,5 +643,28 @@ impl ConditionsPosterior {
     /// ln of an explanation's likelihood, summed over all conditions.
     pub(super) fn ln_marginal(&self, e: &LnLikelihood) -> f64 {
         self.weights.ln_marginal(e)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cubic_is_its_own() {
+        let cubic = |x: f64| 2.0 - x + 0.5 * x * x - 0.25 * x.powi(3);
+        let at = lagrange(1.3);
+        let found: f64 = (0..4).map(|k| at[k] * cubic(k as f64)).sum();
+        assert!((found - cubic(1.3)).abs() < 1e-12);
+        // A normal distribution much narrower than a step, and one that is wider.
+        for (center, sigma) in [(7.37, 0.2), (9.8, 1.5)] {
+            let weights: Vec<f64> = (0..21)
+                .map(|k| -0.5 * ((f64::from(k) - center) / sigma).powi(2))
+                .collect();
+            let (ln_sum, mean) = over_steps(&weights);
+            assert!((mean - center).abs() < 1e-3, "{mean}");
+            let expected = (sigma * std::f64::consts::TAU.sqrt()).ln();
+            assert!((ln_sum - expected).abs() < 1e-3, "{ln_sum} {expected}");
+        }
     }
 }

@@ -23,6 +23,7 @@ mod hint;
 pub mod kent;
 pub mod learn;
 mod named;
+mod nodes;
 pub mod observed;
 pub mod paper;
 pub mod robust;

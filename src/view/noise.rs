@@ -45,8 +45,22 @@ impl NoiseShape {
     /// All distributions.
     pub const ALL: [Self; 3] = [Self::Normal, Self::HeavyTailed, Self::RandomAxis];
 
-    /// ln of the density at `u` standard deviations over the Gaussian's density at 0.
+    /// ln of the density at `u` standard deviations over the Gaussian's density at 0; near the pole of
+    /// [`NoiseShape::RandomAxis`] it stays constant.
     pub fn ln_kernel(self, u: f64) -> f64 {
+        match self {
+            Self::Normal | Self::HeavyTailed => self.ln_density(u),
+            Self::RandomAxis => {
+                let cut = self.ln_density(POLE).exp();
+                // Of a mass of 1 the cut pole keeps so much.
+                let mass = 1.0 - self.mass_within(POLE) + 0.5 * POLE * POLE * cut;
+                self.ln_density(u.max(POLE)) - mass.ln()
+            }
+        }
+    }
+
+    /// The same with the pole, where `u` must not be 0.
+    pub(crate) fn ln_density(self, u: f64) -> f64 {
         let h = -0.5 * u * u;
         match self {
             Self::Normal => h,
@@ -55,12 +69,19 @@ impl NoiseShape {
                 // Far out both terms may underflow alone: the wider one does so last.
                 ((1.0 - TAIL_SHARE) * h.exp() + TAIL_SHARE / spread * (h / spread).exp()).ln()
             }
-            Self::RandomAxis => {
-                let density = |u: f64| (PI / 6.0).sqrt() / u * libm::erfc(u / 6f64.sqrt());
-                // Of a mass of 1 the cut pole keeps so much.
-                let mass = (-POLE * POLE / 6.0).exp() - 0.5 * POLE * POLE * density(POLE);
-                (density(u.max(POLE)) / mass).ln()
+            Self::RandomAxis => ((PI / 6.0).sqrt() / u * libm::erfc(u / 6f64.sqrt())).ln(),
+        }
+    }
+
+    /// Share of the dots that lie within `u` standard deviations, `int_0^u t exp(ln_density(t)) dt`.
+    pub(crate) fn mass_within(self, u: f64) -> f64 {
+        let within = |variance: f64| -(-0.5 * u * u / variance).exp_m1();
+        match self {
+            Self::Normal => within(1.0),
+            Self::HeavyTailed => {
+                (1.0 - TAIL_SHARE) * within(1.0) + TAIL_SHARE * within(TAIL_WIDENING.powi(2))
             }
+            Self::RandomAxis => within(3.0) + u * u * self.ln_density(u).exp(),
         }
     }
 }
@@ -161,7 +182,7 @@ impl Noise {
 
     /// The dot at `q` as measured: moved by `scale` times the noise, with the uncertainty that an
     /// observer who takes the scale for 1 would state.
-    pub(super) fn displaced(&self, q: &Vec3, scale: f64, rng: &mut ChaCha8Rng) -> ObservedDot {
+    pub(crate) fn displaced(&self, q: &Vec3, scale: f64, rng: &mut ChaCha8Rng) -> ObservedDot {
         let sigma = scale * self.sigma_rad();
         let direction = match self {
             Self::RandomAxis { .. } => {
@@ -230,6 +251,8 @@ fn foreshortened(direction: &Vec3, s: f64) -> Matrix2<f64> {
 
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+
     use super::*;
 
     /// `int_0^reach u exp(ln_kernel(u)) du` by the midpoint rule: the density's mass in the plane.
@@ -258,5 +281,34 @@ mod tests {
     fn the_random_axis_density_has_mass_one_though_its_pole_is_cut() {
         let found = mass(NoiseShape::RandomAxis, 30.0);
         assert!((found - 1.0).abs() < 1e-6, "{found}");
+    }
+
+    /// Against the midpoint rule, and against displacements that are drawn.
+    #[test]
+    fn so_many_dots_lie_within() {
+        let mut rng = ChaCha8Rng::seed_from_u64(64_972);
+        for shape in [NoiseShape::HeavyTailed, NoiseShape::RandomAxis] {
+            let noise = Noise::of_shape(shape, 0.001);
+            let q = Vec3::z();
+            let mut drawn = || {
+                noise
+                    .displaced(&q, 1.0, &mut rng)
+                    .squared_deviations(&q)
+                    .sqrt()
+            };
+            let drawn: Vec<f64> = (0..20_000).map(|_| drawn()).collect();
+            for u in [0.1, 0.5, 2.0, 4.0] {
+                let h = u / 10_000.0;
+                let rings = (0..10_000).map(|k| h * (f64::from(k) + 0.5));
+                let sum: f64 = rings.map(|t| t * shape.ln_density(t).exp() * h).sum();
+                let found = shape.mass_within(u);
+                assert!((found - sum).abs() < 1e-5, "{shape:?} {u}: {found} {sum}");
+                let share = drawn.iter().filter(|d| **d < u).count() as f64 / 20_000.0;
+                assert!(
+                    (found - share).abs() < 0.015,
+                    "{shape:?} {u}: {found} {share}"
+                );
+            }
+        }
     }
 }

@@ -23,10 +23,15 @@ use super::refine::{
     widened,
 };
 use super::workspace::RobustWorkspace;
-use crate::recognize::learn::{ConditionsPosterior, FrameEvidence, LnLikelihood};
+use crate::recognize::learn::{
+    ConditionsPosterior, Displacement, FrameEvidence, LnLikelihood, information,
+};
 
 /// Nats behind the best explanation from which on others say nothing of the conditions.
 const NEGLIGIBLE: f64 = 20.0;
+/// Nats behind the best explanation up to which others are integrated over their rotations: those beyond have less
+/// than a thousandth of the say.
+const INTEGRATED: f64 = 7.0;
 /// Nats behind the best explanation up to which dots are named anew: a few dots may make up for
 /// them.
 const NAMED_WITHIN: f64 = 8.0;
@@ -72,10 +77,52 @@ impl RobustRecognizer {
                 continue;
             }
             let assignment = ws.found.assignment(explanation);
-            let mut likelihood = self.ln_likelihood(conditions, refined, assignment, &ws.dots);
+            let is_likely = refined.ln_evidence > best.refined.ln_evidence - INTEGRATED;
+            let mut likelihood = match is_likely && conditions.frames() > 0 {
+                true => self.integrated(
+                    conditions,
+                    refined,
+                    assignment,
+                    &ws.dots,
+                    &mut out.displacements,
+                ),
+                false => self.ln_likelihood(conditions, refined, assignment, &ws.dots),
+            };
             likelihood.constant += refined.ln_alternatives;
             out.explanations.push(likelihood);
         }
+    }
+
+    /// An explanation's likelihood under every condition, the noise integrated over the rotations about its own.
+    fn integrated(
+        &self,
+        conditions: &ConditionsPosterior,
+        fit: &RefinedExplanation,
+        assignment: &[u16],
+        dots: &[PreparedDot],
+        displacements: &mut Vec<Displacement>,
+    ) -> LnLikelihood {
+        displacements.clear();
+        for (dot, &j) in dots
+            .iter()
+            .zip(assignment)
+            .filter(|(_, j)| **j != UNASSIGNED)
+        {
+            let j = usize::from(j);
+            let (q, dot) = (fit.rotation * self.dots[j], widened(&self.spread, j, dot));
+            let [a, b] = dot.axes.map(|u| u.dot(&q));
+            let depth = (1.0 - dot.direction.dot(&q)) * dot.radial.sqrt();
+            let by = dot.axes.map(|u| q.cross(&u));
+            displacements.push(Displacement::new([a, b, depth], by));
+        }
+        // Where the search has integrated, its factor holds for the noise expected only.
+        let fit = RefinedExplanation {
+            ln_volume: ln_volume(&information(displacements)),
+            ..*fit
+        };
+        let mut likelihood = self.ln_likelihood(conditions, &fit, assignment, dots);
+        conditions.integrate_noise(self.model.noise_scale(), displacements, &mut likelihood);
+        likelihood
     }
 
     /// An explanation's likelihood under every condition.

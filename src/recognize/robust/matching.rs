@@ -15,14 +15,14 @@
 //!
 //! The evidence is the mean of `Z` over all rotations. About an explanation it is taken by importance
 //! sampling: [`NODES`] fixed points of a normal distribution of the rotation's covariance
-//! (quasi-random: the additive recurrence of M. Roberts' R3 sequence), so that the same dots give the same bits. Unlike
+//! ([`nodes`](crate::recognize::nodes)), so that the same dots give the same bits. Unlike
 //! Laplace's factor it holds for peaked and heavy-tailed noise, and where a dot is at the edge of
 //! what it may be.
 //!
 //! What it leaves out: rotations farther off than some three standard deviations, and that two dots
 //! cannot take the same pattern dot where more than [`MAX_OPEN`] pattern dots are in question at a time.
 
-use std::f64::consts::{PI, SQRT_2, TAU};
+use std::f64::consts::TAU;
 use std::sync::LazyLock;
 
 use nalgebra::{Matrix3, Rotation3};
@@ -31,6 +31,7 @@ use super::model::{GATE, PreparedDot, ViewTables};
 use super::posterior::{ExplanationWeights, MAX_FOUND};
 use super::refine::{ComparedDots, RefinedExplanation, UNASSIGNED, widened};
 use crate::geometry::Vec3;
+use crate::recognize::nodes::normal_nodes;
 
 /// Rotations at which the integrand is evaluated.
 const NODES: usize = 32;
@@ -457,34 +458,5 @@ fn ln_sum(terms: &[f64]) -> f64 {
     max + terms.iter().map(|t| (t - max).exp()).sum::<f64>().ln()
 }
 
-/// Points of a standard normal distribution in three dimensions, in opposite pairs: the R3 sequence taken to
-/// directions and to quantiles of the radius.
-static NORMAL_NODES: LazyLock<[Vec3; NODES]> = LazyLock::new(|| {
-    // The root of x^4 = x + 1.
-    const PHI: f64 = 1.220_744_084_605_759_5;
-    let steps = [PHI.recip(), PHI.powi(-2), PHI.powi(-3)];
-    std::array::from_fn(|k| {
-        let [u, v, w] = steps.map(|step| (0.5 + step * (k / 2 + 1) as f64).fract());
-        let z = 2.0 * v - 1.0;
-        let across = (1.0 - z * z).max(0.0).sqrt();
-        let (s, c) = (TAU * w).sin_cos();
-        let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
-        Vec3::new(across * c, across * s, z) * (sign * chi_quantile(u))
-    })
-});
-
-/// The radius within which a share `u` of a standard normal distribution in three dimensions lies, by
-/// bisection.
-fn chi_quantile(u: f64) -> f64 {
-    let within = |r: f64| libm::erf(r / SQRT_2) - (2.0 / PI).sqrt() * r * (-0.5 * r * r).exp();
-    let (mut low, mut high) = (0.0, 10.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if within(middle) < u {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    low
-}
+/// The nodes, of unit variance.
+static NORMAL_NODES: LazyLock<[Vec3; NODES]> = LazyLock::new(normal_nodes);

@@ -397,6 +397,33 @@ fn dots_at_the_end_of_the_noise_do_not_spoil_what_is_learned() {
     }
 }
 
+/// Noise of which nothing is stated is learned with its shape and its scale, 1, whether four dots are seen of which
+/// the rotation takes a part, or all.
+#[test]
+fn the_noise_is_learned_as_it_is() {
+    let ball = Ball::new(crate::common::dots20());
+    // Four standard deviations of the scale of so many dots.
+    for (name, most_off) in [(ProtocolName::Paper, 0.07), (ProtocolName::Sparse, 0.13)] {
+        let view = name.view();
+        let frames = observed_frames(ball.pattern(), &view, 64_973, 250);
+        let learned = identify_learning(
+            &ball,
+            &RobustConfig::default(),
+            &LearningConfig::default(),
+            frames.into_iter().map(Ok),
+            NonZero::<usize>::MIN,
+            &mut Answers::default(),
+        );
+        let found = learned.unwrap().view;
+        assert_eq!(found.noise.shape(), view.noise.shape(), "{name}");
+        assert!(
+            (found.noise_scale - 1.0).abs() < most_off,
+            "{name}: {}",
+            found.noise_scale
+        );
+    }
+}
+
 /// Two frames in five show eight dots at random: so much is learned of them.
 #[test]
 fn the_share_of_other_frames_is_learned() {

@@ -1,5 +1,5 @@
 //! Measurement of the recognizers: rates, orientation errors against the bound, confidences, the
-//! gain of single features, and the remaining failures.
+//! noise learned, the gain of single features, and the remaining failures.
 //!
 //!     cargo run --release -p spindoe-studies -- recognizer --help
 //!
@@ -9,6 +9,7 @@
 mod confidence;
 mod failures;
 mod features;
+mod noise;
 mod rates;
 
 use std::path::PathBuf;
@@ -89,10 +90,11 @@ fn views() -> Vec<(&'static str, ProtocolName, ViewModel)> {
 }
 
 /// The parts of the measurement by their names.
-const PARTS: [(&str, Part); 4] = [
+const PARTS: [(&str, Part); 5] = [
     ("rates", rates::print),
     ("features", features::print),
     ("confidence", confidence::print),
+    ("noise", noise::print),
     ("failures", failures::print),
 ];
 
