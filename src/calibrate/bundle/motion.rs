@@ -189,7 +189,7 @@ impl MotionPrior {
         let smooth_squared = residual.dot(&(information * residual));
         let abrupt_squared = residual.fixed_rows::<3>(3).norm_squared() / v;
         // Densities at a residual of zero, the abrupt over the smooth: det cov(r, s) = (q^2 t^4 / 12)^3.
-        let peaks = TAU.powf(1.5) * (q * q * t.powi(4) / (12.0 * v)).powf(1.5) / (2.0 * TAU * PI);
+        let peaks = TAU.powf(1.5) * (q * q * t.powi(4) / (12.0 * v)).powf(1.5) / (8.0 * PI * PI);
         let odds = ABRUPT / (1.0 - ABRUPT) * peaks;
         let [smooth, abrupt] = [-0.5 * smooth_squared, odds.ln() - 0.5 * abrupt_squared];
         let smooth_share = 1.0 / (1.0 + (abrupt - smooth).exp());

@@ -2,11 +2,11 @@
 //!
 //! Nothing may be in doubt, and no dot may be hidden: the expected number of dots where no view shows the surface, or where fingers cover it in most views,
 //! must be small. Where it is in doubt a person who looks at the ball's surface can say which marks are its dots. A number of dots decides on a ball
-//! without print where it makes one set of marks likely ([`counted`]): what is in doubt then are dots, or none.
+//! without print where it makes one set of marks likely ([`settled`]): what is in doubt then are dots, or none.
 
 use super::UnknownRejection;
 use super::candidates::{A_DOT, Candidates, Kind, MarkCandidate};
-use super::count::counted;
+use super::count::settled;
 use crate::geometry::{Vec3, angle_between};
 use crate::surface::Darkness;
 
@@ -125,8 +125,7 @@ impl Candidates {
         }
         let hidden = (self.blind + covered) * number as f64;
         let probabilities: Vec<f64> = self.dots.iter().map(MarkCandidate::is_dot).collect();
-        let by_number = counted(&probabilities, hidden, number);
-        (by_number.likeliest >= A_DOT).then(|| {
+        (settled(&probabilities, hidden, number) >= A_DOT).then(|| {
             let mut dots = self.dots.clone();
             dots.sort_by(|a, b| b.is_dot().total_cmp(&a.is_dot()));
             dots.truncate(number);
@@ -169,6 +168,61 @@ impl Candidates {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibrate::unknown::MarkEvidence;
+    use crate::calibrate::unknown::map::MapDot;
+
+    /// Marks on a meridian.
+    fn mark(place: usize, kind: Kind, evidence: Option<MarkEvidence>) -> MarkCandidate {
+        let angle = 0.2 * place as f64;
+        MarkCandidate {
+            dot: MapDot {
+                direction: Vec3::new(angle.sin(), 0.0, angle.cos()),
+                found: 20,
+                weight: 20.0,
+            },
+            radius: 0.08,
+            kind,
+            probability: evidence.map_or(0.5, |e| e.probability()),
+            evidence,
+        }
+    }
+
+    #[test]
+    fn a_number_decides_where_one_set_of_marks_has_it() {
+        let clear = MarkEvidence {
+            radius: 1.0,
+            darkness: 1.0,
+            solidity: 0.97,
+            around: 0.05,
+            contrast: 1.0,
+            likeness: 1.0,
+            views: 40,
+        };
+        // The one in doubt comes first: the dots are the likeliest, wherever they stand.
+        let in_doubt = mark(0, Kind::Doubtful, None);
+        let clear = (1..13).map(|k| mark(k, Kind::Dot, Some(clear)));
+        let mut ball = Candidates {
+            dots: std::iter::once(in_doubt).chain(clear).collect(),
+            blind: 0.001,
+            radius: 0.08,
+            darkness: 0.5,
+            is_printed: false,
+        };
+        let dots = |ball: &Candidates, number| Some(ball.settled(number, 0.0)?.len());
+        assert_eq!(dots(&ball, 12), Some(12));
+        assert_eq!(dots(&ball, 13), Some(13));
+        let twelve = ball.settled(12, 0.0).unwrap_or_default();
+        assert!(twelve.iter().all(|c| c.kind == Kind::Dot));
+        // Another number, a part that may hide it, a second one in doubt, print.
+        assert_eq!(dots(&ball, 14), None);
+        assert!(ball.settled(13, 0.2).is_none());
+        ball.is_printed = true;
+        assert_eq!(dots(&ball, 13), None);
+        ball.is_printed = false;
+        ball.dots.push(mark(14, Kind::TurnedAway, None));
+        assert_eq!(dots(&ball, 13), None);
+        assert_eq!(dots(&ball, 14), Some(14));
+    }
 
     #[test]
     fn marks_in_doubt_and_other_numbers_are_refused() {

@@ -16,40 +16,24 @@ const MISCOUNTED: f64 = 0.05;
 /// A map of evidence is never surer of a mark.
 const SUREST: f64 = 1e-4;
 
-/// What a number of dots says.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Counted {
-    /// Probability that as many of the likeliest marks are the dots, and no others.
-    pub likeliest: f64,
-    /// Probability that a dot is hidden, or was not counted.
-    pub other: f64,
-}
-
-/// What it says that there are `number` dots, of marks with these probabilities and of so many hidden dots on average.
-pub(super) fn counted(probabilities: &[f64], hidden: f64, number: usize) -> Counted {
+/// The probability that of marks with these probabilities the `number` likeliest are the dots and no others, none is hidden of so many on
+/// average, and that is their number.
+pub(super) fn settled(probabilities: &[f64], hidden: f64, number: usize) -> f64 {
     let mut known: Vec<f64> = probabilities
         .iter()
         .map(|p| p.clamp(SUREST, 1.0 - SUREST))
         .collect();
+    if number > known.len() {
+        return 0.0;
+    }
     known.sort_unstable_by(|a, b| b.total_cmp(a));
-    let seen = numbers(&known, number + 1);
-    let all = with_hidden(&seen, hidden);
+    let all = with_hidden(&numbers(&known, number + 1), hidden);
     let beside = all[number + 1] + number.checked_sub(1).map_or(0.0, |k| all[k]);
     let said = (1.0 - MISCOUNTED) * all[number] + 0.5 * MISCOUNTED * beside;
-    if number > known.len() || said <= 0.0 {
-        return Counted {
-            likeliest: 0.0,
-            other: 1.0,
-        };
-    }
-    let as_counted = (1.0 - MISCOUNTED) * (-hidden).exp() / said;
     let (dots, others) = known.split_at(number);
-    let likeliest: f64 =
-        dots.iter().product::<f64>() * others.iter().map(|p| 1.0 - p).product::<f64>();
-    Counted {
-        likeliest: as_counted * likeliest,
-        other: 1.0 - as_counted * seen[number],
-    }
+    let likeliest = dots.iter().copied().chain(others.iter().map(|p| 1.0 - p));
+    let likeliest = (1.0 - MISCOUNTED) * (-hidden).exp() * likeliest.product::<f64>();
+    if said > 0.0 { likeliest / said } else { 0.0 }
 }
 
 /// The probabilities of 0 to `most` dots among marks.
@@ -108,18 +92,10 @@ mod tests {
         for n in 1..=4usize {
             let said = 0.95 * number(n) + 0.025 * (number(n - 1) + number(n + 1));
             let exact = (0..32).map(subset).filter(|(k, _)| *k == n);
-            let best = exact.clone().map(|(_, share)| share).fold(0.0, f64::max);
-            let none_hidden: f64 = exact.map(|(_, share)| share).sum();
-            let found = counted(&p, hidden, n);
-            let scale = 0.95 * poisson(0) / said;
-            assert!(
-                (found.likeliest - scale * best).abs() < 1e-12,
-                "{n}: {found:?}"
-            );
-            assert!(
-                (found.other - 1.0 + scale * none_hidden).abs() < 1e-12,
-                "{n}: {found:?}"
-            );
+            let best = exact.map(|(_, share)| share).fold(0.0, f64::max);
+            let expected = 0.95 * poisson(0) * best / said;
+            let found = settled(&p, hidden, n);
+            assert!((found - expected).abs() < 1e-12, "{n}: {found} {expected}");
         }
     }
 
@@ -128,14 +104,13 @@ mod tests {
         let dots = [0.99; 18];
         let with = |more: &[f64]| [&dots[..], more].concat();
         // As many look like dots, or as many do with what may be one.
-        assert!(counted(&with(&[0.3]), 0.001, 18).likeliest > 0.9);
-        assert!(counted(&with(&[0.3]), 0.001, 19).likeliest > 0.9);
+        assert!(settled(&with(&[0.3]), 0.001, 18) > 0.9);
+        assert!(settled(&with(&[0.3]), 0.001, 19) > 0.9);
         // Which of two is not known.
-        assert!(counted(&with(&[0.3, 0.3]), 0.001, 19).likeliest < 0.6);
+        assert!(settled(&with(&[0.3, 0.3]), 0.001, 19) < 0.6);
         // A stain is no dot because someone has counted one more; nor is one that hides.
-        assert!(counted(&with(&[0.001]), 0.001, 19).likeliest < 0.1);
-        let hides = counted(&with(&[0.1]), 0.2, 19);
-        assert!(hides.likeliest < 0.5 && hides.other > 0.5, "{hides:?}");
-        assert_eq!(counted(&dots, 0.0, 30).likeliest, 0.0);
+        assert!(settled(&with(&[0.001]), 0.001, 19) < 0.1);
+        assert!(settled(&with(&[0.1]), 0.2, 19) < 0.5);
+        assert_eq!(settled(&dots, 0.0, 30), 0.0);
     }
 }

@@ -63,7 +63,7 @@ pub struct Arguments {
     /// another, PNG, JPEG, PGM or PPM].
     #[arg(long, value_name = "WxH,PIXEL", value_parser = crate::cli::pipe::pipe_format, requires = "live")]
     raw: Option<PipeFormat>,
-    /// Number of dots on the ball, if you know it; another number is refused.
+    /// Number of dots on the ball, if you know it: it decides which marks in doubt are dots; another number is refused.
     #[arg(long, value_name = "N", value_parser = dots_number)]
     dots: Option<usize>,
     /// Which marks of a ball without a table are its dots, by their numbers in marks.png, which an earlier run
