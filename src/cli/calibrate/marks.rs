@@ -1,9 +1,10 @@
 //! The marks of a ball without a table: a picture of them, and which of them are said to be its dots.
 
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use crate::calibrate::MarkedSurface;
+use crate::calibrate::{MarkKind, MarkedSurface};
 use crate::error::{Error, Result};
 use crate::files::csv::{Columns, Table};
 use crate::files::{self, Replacement};
@@ -61,6 +62,35 @@ impl MarkNumbers {
     /// How many there are.
     pub fn len(&self) -> usize {
         self.0.len()
+    }
+
+    /// The marks that look like dots, or as many of the likeliest as are said to be dots; `None` where a pattern has no such number.
+    pub fn proposed(surface: &MarkedSurface, number: Option<usize>) -> Option<Self> {
+        let marks = surface.worth_a_look().enumerate();
+        let numbers: Vec<usize> = match number {
+            Some(number) => marks.map(|(k, _)| k).take(number).collect(),
+            None => marks
+                .filter(|(_, mark)| mark.kind == MarkKind::Dot)
+                .map(|(k, _)| k)
+                .collect(),
+        };
+        let is_all = number.is_none_or(|number| number == numbers.len());
+        let is_pattern = (MIN_DOTS..=MAX_DOTS).contains(&numbers.len());
+        (is_all && is_pattern).then_some(Self(numbers))
+    }
+}
+
+impl fmt::Display for MarkNumbers {
+    /// As it is read: ranges of two and more.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (k, range) in self.0.chunk_by(|a, b| a + 1 == *b).enumerate() {
+            let comma = if k == 0 { "" } else { "," };
+            match range {
+                [first, .., last] => write!(f, "{comma}{first}-{last}")?,
+                alone => alone.iter().try_for_each(|n| write!(f, "{comma}{n}"))?,
+            }
+        }
+        Ok(())
     }
 }
 
@@ -122,4 +152,45 @@ pub(super) fn read(folder: &Path, numbers: &MarkNumbers) -> Result<Vec<Vec3>> {
         return Err(Error::argument("--marks", problem));
     }
     Ok(numbers.0.iter().map(|n| marks[*n]).collect())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::calibrate::SurfaceMark;
+
+    #[test]
+    fn numbers_are_written_as_they_are_read() {
+        for text in ["0-17", "0-3,5,7-8", "2,4,6,8"] {
+            assert_eq!(text.parse::<MarkNumbers>().unwrap().to_string(), text);
+        }
+    }
+
+    #[test]
+    fn the_likeliest_marks_are_proposed() {
+        let kinds = [
+            MarkKind::Dot,
+            MarkKind::Dot,
+            MarkKind::Doubtful,
+            MarkKind::Dot,
+            MarkKind::Dot,
+        ];
+        let mark = |kind| SurfaceMark {
+            direction: Vec3::z(),
+            radius_rad: 0.1,
+            kind,
+            evidence: None,
+        };
+        let surface = MarkedSurface {
+            places: Vec::new(),
+            marks: kinds.map(mark).to_vec(),
+        };
+        let proposed = |number| Some(MarkNumbers::proposed(&surface, number)?.to_string());
+        assert_eq!(proposed(None).as_deref(), Some("0-1,3-4"));
+        assert_eq!(proposed(Some(4)).as_deref(), Some("0-3"));
+        assert_eq!(proposed(Some(5)).as_deref(), Some("0-4"));
+        assert_eq!(proposed(Some(6)), None);
+        assert_eq!(proposed(Some(2)), None);
+    }
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::clip::IdentifiedFrames;
+use super::marks::MarkNumbers;
 use super::{Arguments, marks, no_answer};
 use crate::ball::Ball;
 use crate::calibrate::{
@@ -123,10 +124,16 @@ fn refused(
     reason += &match picture {
         Some(Err(problem)) => return problem,
         Some(Ok(picture)) if why.is_of_marks() => {
+            let proposed = surface.and_then(|s| MarkNumbers::proposed(s, arguments.dots));
             let (picture, command) = (picture.display(), command_line());
+            let named = match proposed {
+                Some(numbers) => {
+                    format!("if they are the likeliest: `{command} --marks {numbers}`")
+                }
+                None => format!("as in `{command} --marks 0-17,19`"),
+            };
             format!(
-                "; look which of the numbered marks in {picture} are your dots, and name them, as in \
-                 `{command} --marks 0-17,19`"
+                "; look which of the numbered marks in {picture} are your dots, and name them, {named}"
             )
         }
         Some(Ok(picture)) => format!("; {} shows the ball's surface", picture.display()),
