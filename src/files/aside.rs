@@ -298,14 +298,10 @@ impl Replacement {
     /// [`Error::Read`] and [`Error::Write`] on an I/O failure.
     pub fn publish(self, removed: &[&str], last: &str) -> Result<()> {
         let _signals_wait = locked(&MADE);
-        for step in self.whole(removed, last)? {
-            step.make()?;
-        }
+        self.whole(removed, last)?.iter().try_for_each(Move::make)?;
         sync_dir(&self.dir.path)
     }
-}
 
-impl Replacement {
     /// Says on the disk that the set is whole; the steps that bring it to its place.
     fn whole(&self, removed: &[&str], last: &str) -> Result<Vec<Move>> {
         let from = self.folder.path();

@@ -35,14 +35,19 @@
 //! within the file, or from frame to frame, are followed.
 
 mod integral;
+mod steps;
 
 use std::f64::consts::TAU;
 use std::ops::Range;
 
+use nalgebra::Matrix3;
+
 use crate::error::{Result, require};
+use crate::recognize::ln_sum::ln_sum;
 use crate::view::{Detection, FalseDots, Noise, NoiseShape, ViewModel, visible};
 use integral::Densities;
 pub(super) use integral::{Displacement, information};
+use steps::over_steps;
 
 /// The noise's scales: steps of an eighth from 0.3 to 3.1.
 const SCALES: usize = 21;
@@ -50,8 +55,6 @@ const MIN_SCALE: f64 = 0.3;
 const SCALE_STEP: f64 = 1.125;
 /// Steps from the likeliest scale up to which the noise is integrated: to 0.6 and 1.6 times it.
 const LIKELY_STEPS: usize = 4;
-/// Parts of a step between which the scale's mean is taken.
-const PARTS: usize = 16;
 const SHAPES: [NoiseShape; 2] = [NoiseShape::HeavyTailed, NoiseShape::RandomAxis];
 const NOISES: usize = SCALES * SHAPES.len();
 
@@ -260,58 +263,13 @@ impl ConditionsGrid {
 }
 
 fn normalize(ln_weights: &mut [f64]) {
-    let sum = ln_sum(ln_weights);
+    let sum = ln_sum(ln_weights.iter().copied());
     ln_weights.iter_mut().for_each(|w| *w -= sum);
 }
 
-/// ln of the sum of the exponentials.
-fn ln_sum(terms: &[f64]) -> f64 {
-    let max = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if max == f64::NEG_INFINITY {
-        return max;
-    }
-    max + terms.iter().map(|t| (t - max).exp()).sum::<f64>().ln()
-}
-
 /// ln of the sum of the exponentials of `a + b`.
-fn ln_sum_of_products(a: &[f64], b: &[f64]) -> f64 {
-    let terms = || a.iter().zip(b).map(|(a, b)| a + b);
-    let max = terms().fold(f64::NEG_INFINITY, f64::max);
-    if max == f64::NEG_INFINITY {
-        return max;
-    }
-    max + terms().map(|t| (t - max).exp()).sum::<f64>().ln()
-}
-
-/// ln of the integral of weights that are known in steps, by their logarithms, and the step that is their mean: between
-/// the steps the logarithms are the cubic through the four nearest ones. Weights narrower than a step would
-/// otherwise leave the mean at one.
-fn over_steps(ln_weights: &[f64]) -> (f64, f64) {
-    let max = ln_weights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let last = ln_weights.len() - 1;
-    let (mut sum, mut mean) = (0.0, 0.0);
-    for k in 0..=last * PARTS {
-        let at = k as f64 / PARTS as f64;
-        let first = (k / PARTS).saturating_sub(1).min(last - 3);
-        let cubic = lagrange(at - first as f64);
-        let terms = cubic.iter().zip(&ln_weights[first..]);
-        let ln_weight: f64 = terms.map(|(c, w)| c * w).sum();
-        let weight = (ln_weight - max).exp();
-        sum += weight;
-        mean += weight * at;
-    }
-    (max + (sum / PARTS as f64).ln(), mean / sum)
-}
-
-/// What the values at 0, 1, 2 and 3 have in that of their cubic at `x` (Lagrange).
-fn lagrange(x: f64) -> [f64; 4] {
-    let [a, b, c, d] = [x, x - 1.0, x - 2.0, x - 3.0];
-    [
-        -b * c * d / 6.0,
-        a * c * d / 2.0,
-        -a * b * d / 2.0,
-        a * b * c / 6.0,
-    ]
+fn ln_sum_of_sums(a: &[f64], b: &[f64]) -> f64 {
+    ln_sum(a.iter().zip(b).map(|(a, b)| a + b))
 }
 
 impl GridWeights {
@@ -343,9 +301,9 @@ impl GridWeights {
     /// ln of an explanation's likelihood, summed over all settings.
     fn ln_marginal(&self, e: &LnLikelihood) -> f64 {
         e.constant
-            + ln_sum_of_products(&self.noise, &e.noise)
-            + ln_sum_of_products(&self.visibility, &e.visibility)
-            + ln_sum_of_products(&self.false_dots, &e.false_dots)
+            + ln_sum_of_sums(&self.noise, &e.noise)
+            + ln_sum_of_sums(&self.visibility, &e.visibility)
+            + ln_sum_of_sums(&self.false_dots, &e.false_dots)
     }
 
     fn distance(&self, other: &Self) -> f64 {
@@ -508,7 +466,7 @@ impl ConditionsPosterior {
             parts.extend(marginals.map(|e| own + self.weights.ln_marginal(e)));
             parts.push(self.shares.foreign.ln() + frame.ln_null);
             parts.push(self.shares.mirrored.ln() + frame.ln_mirrored);
-            let total = ln_sum(&parts);
+            let total = ln_sum(parts.iter().copied());
             if let [.., of_foreign, of_mirrored] = parts[..] {
                 foreign += (of_foreign - total).exp();
                 mirrored += (of_mirrored - total).exp();
@@ -548,7 +506,7 @@ impl ConditionsPosterior {
                 .map(|v| w.visibility[v].exp() * of(v))
                 .sum()
         };
-        let varying = ln_sum(&w.false_dots[..MEANS.len()]);
+        let varying = ln_sum(w.false_dots[..MEANS.len()].iter().copied());
         let usual = (MEANS.len()..FALSE_DOTS)
             .max_by(|&a, &b| w.false_dots[a].total_cmp(&w.false_dots[b]))
             .filter(|&f| w.false_dots[f] > 0.5f64.ln());
@@ -592,19 +550,20 @@ impl ConditionsPosterior {
         }
     }
 
-    /// Integrates the noise's part of an explanation over the rotations about its own, for the scales that are likely;
+    /// Integrates the noise's part of an explanation, whose dots have this information, over the rotations about its own, for the scales that are likely;
     /// the others keep what they have there, as far above the nearest one's.
     pub(super) fn integrate_noise(
         &self,
         scale: f64,
         dots: &mut [Displacement],
+        information: &Matrix3<f64>,
         to: &mut LnLikelihood,
     ) {
         let at_rotation = to.noise;
         let likely = self.likely_scales();
         let ends = [likely.start, likely.end - 1];
         let densities = &self.grid.densities;
-        let integrated = densities.integrate(scale, dots, likely, &mut to.noise);
+        let integrated = densities.integrate(scale, dots, information, likely, &mut to.noise);
         if integrated.is_none() {
             return;
         }
@@ -635,36 +594,13 @@ impl ConditionsPosterior {
                 let mean = real + self.grid.false_dots(f).mean();
                 w.false_dots[f] + dots as f64 * (mean / FALSE_AREA).ln() - mean
             });
-            w.visibility[v] + ln_sum(&of_false_dots)
+            w.visibility[v] + ln_sum(of_false_dots.iter().copied())
         });
-        ln_sum(&of_visibility)
+        ln_sum(of_visibility.iter().copied())
     }
 
     /// ln of an explanation's likelihood, summed over all conditions.
     pub(super) fn ln_marginal(&self, e: &LnLikelihood) -> f64 {
         self.weights.ln_marginal(e)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_cubic_is_its_own() {
-        let cubic = |x: f64| 2.0 - x + 0.5 * x * x - 0.25 * x.powi(3);
-        let at = lagrange(1.3);
-        let found: f64 = (0..4).map(|k| at[k] * cubic(k as f64)).sum();
-        assert!((found - cubic(1.3)).abs() < 1e-12);
-        // A normal distribution much narrower than a step, and one that is wider.
-        for (center, sigma) in [(7.37, 0.2), (9.8, 1.5)] {
-            let weights: Vec<f64> = (0..21)
-                .map(|k| -0.5 * ((f64::from(k) - center) / sigma).powi(2))
-                .collect();
-            let (ln_sum, mean) = over_steps(&weights);
-            assert!((mean - center).abs() < 1e-3, "{mean}");
-            let expected = (sigma * std::f64::consts::TAU.sqrt()).ln();
-            assert!((ln_sum - expected).abs() < 1e-3, "{ln_sum} {expected}");
-        }
     }
 }

@@ -22,6 +22,7 @@ mod explanations;
 mod hint;
 pub mod kent;
 pub mod learn;
+mod ln_sum;
 mod named;
 mod nodes;
 pub mod observed;

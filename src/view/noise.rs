@@ -59,8 +59,8 @@ impl NoiseShape {
         }
     }
 
-    /// The same with the pole, where `u` must not be 0.
-    pub(crate) fn ln_density(self, u: f64) -> f64 {
+    /// The same with the pole, which is infinite at 0.
+    pub fn ln_density(self, u: f64) -> f64 {
         let h = -0.5 * u * u;
         match self {
             Self::Normal => h,

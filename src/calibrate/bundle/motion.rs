@@ -422,7 +422,10 @@ mod tests {
             // The spin at the turn's frame is that between.
             let is_smooth = k != 29 && k != 30;
             let share = interval.smooth_share;
-            assert!(is_smooth && share > 0.99 || share < 0.01, "{k}: {share}");
+            match is_smooth {
+                true => assert!(share > 0.99, "{k}: {share}"),
+                false => assert!(share < 0.01, "{k}: {share}"),
+            }
         }
         assert!(!prior.relax(&rotations, &spins));
         assert_eq!(prior.density, density);

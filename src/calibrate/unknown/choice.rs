@@ -2,11 +2,11 @@
 //!
 //! Nothing may be in doubt, and no dot may be hidden: the expected number of dots where no view shows the surface, or where fingers cover it in most views,
 //! must be small. Where it is in doubt a person who looks at the ball's surface can say which marks are its dots. A number of dots decides on a ball
-//! without print where it makes one set of marks likely ([`settled`]): what is in doubt then are dots, or none.
+//! without print where it makes one set of marks likely ([`posterior`]): what is in doubt then are dots, or none.
 
 use super::UnknownRejection;
 use super::candidates::{A_DOT, Candidates, Kind, MarkCandidate};
-use super::count::settled;
+use super::count::posterior;
 use crate::geometry::{Vec3, angle_between};
 use crate::surface::Darkness;
 
@@ -125,7 +125,7 @@ impl Candidates {
         }
         let hidden = (self.blind + covered) * number as f64;
         let probabilities: Vec<f64> = self.dots.iter().map(MarkCandidate::is_dot).collect();
-        (settled(&probabilities, hidden, number) >= A_DOT).then(|| {
+        (posterior(&probabilities, hidden, number) >= A_DOT).then(|| {
             let mut dots = self.dots.clone();
             dots.sort_by(|a, b| b.is_dot().total_cmp(&a.is_dot()));
             dots.truncate(number);
@@ -168,7 +168,7 @@ impl Candidates {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibrate::unknown::MarkEvidence;
+    use crate::calibrate::unknown::evidence::{DOT, MarkEvidence};
     use crate::calibrate::unknown::map::MapDot;
 
     /// Marks on a meridian.
@@ -189,18 +189,9 @@ mod tests {
 
     #[test]
     fn a_number_decides_where_one_set_of_marks_has_it() {
-        let clear = MarkEvidence {
-            radius: 1.0,
-            darkness: 1.0,
-            solidity: 0.97,
-            around: 0.05,
-            contrast: 1.0,
-            likeness: 1.0,
-            views: 40,
-        };
         // The one in doubt comes first: the dots are the likeliest, wherever they stand.
         let in_doubt = mark(0, Kind::Doubtful, None);
-        let clear = (1..13).map(|k| mark(k, Kind::Dot, Some(clear)));
+        let clear = (1..13).map(|k| mark(k, Kind::Dot, Some(DOT)));
         let mut ball = Candidates {
             dots: std::iter::once(in_doubt).chain(clear).collect(),
             blind: 0.001,

@@ -18,7 +18,7 @@ const SUREST: f64 = 1e-4;
 
 /// The probability that of marks with these probabilities the `number` likeliest are the dots and no others, none is hidden of so many on
 /// average, and that is their number.
-pub(super) fn settled(probabilities: &[f64], hidden: f64, number: usize) -> f64 {
+pub(super) fn posterior(probabilities: &[f64], hidden: f64, number: usize) -> f64 {
     let mut known: Vec<f64> = probabilities
         .iter()
         .map(|p| p.clamp(SUREST, 1.0 - SUREST))
@@ -94,7 +94,7 @@ mod tests {
             let exact = (0..32).map(subset).filter(|(k, _)| *k == n);
             let best = exact.map(|(_, share)| share).fold(0.0, f64::max);
             let expected = 0.95 * poisson(0) * best / said;
-            let found = settled(&p, hidden, n);
+            let found = posterior(&p, hidden, n);
             assert!((found - expected).abs() < 1e-12, "{n}: {found} {expected}");
         }
     }
@@ -104,13 +104,13 @@ mod tests {
         let dots = [0.99; 18];
         let with = |more: &[f64]| [&dots[..], more].concat();
         // As many look like dots, or as many do with what may be one.
-        assert!(settled(&with(&[0.3]), 0.001, 18) > 0.9);
-        assert!(settled(&with(&[0.3]), 0.001, 19) > 0.9);
+        assert!(posterior(&with(&[0.3]), 0.001, 18) > 0.9);
+        assert!(posterior(&with(&[0.3]), 0.001, 19) > 0.9);
         // Which of two is not known.
-        assert!(settled(&with(&[0.3, 0.3]), 0.001, 19) < 0.6);
+        assert!(posterior(&with(&[0.3, 0.3]), 0.001, 19) < 0.6);
         // A stain is no dot because someone has counted one more; nor is one that hides.
-        assert!(settled(&with(&[0.001]), 0.001, 19) < 0.1);
-        assert!(settled(&with(&[0.1]), 0.2, 19) < 0.5);
-        assert_eq!(settled(&dots, 0.0, 30), 0.0);
+        assert!(posterior(&with(&[0.001]), 0.001, 19) < 0.1);
+        assert!(posterior(&with(&[0.1]), 0.2, 19) < 0.5);
+        assert_eq!(posterior(&dots, 0.0, 30), 0.0);
     }
 }

@@ -69,20 +69,21 @@ impl MarkEvidence {
     }
 }
 
+/// As the middle dot is.
+#[cfg(test)]
+pub(super) const DOT: MarkEvidence = MarkEvidence {
+    radius: 1.0,
+    darkness: 1.0,
+    solidity: 0.97,
+    around: 0.05,
+    contrast: 1.0,
+    likeness: 1.0,
+    views: 40,
+};
+
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// As the middle dot is.
-    const DOT: MarkEvidence = MarkEvidence {
-        radius: 1.0,
-        darkness: 1.0,
-        solidity: 0.97,
-        around: 0.05,
-        contrast: 1.0,
-        likeness: 1.0,
-        views: 40,
-    };
 
     #[test]
     fn what_speaks_against_a_mark_makes_it_less_likely_a_dot() {

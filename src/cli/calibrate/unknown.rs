@@ -153,10 +153,9 @@ pub(super) fn say_decided(arguments: &Arguments, marks: DecidedMarks) {
         && dots + others > 0
     {
         errln!(
-            "note: {number} dots, as --dots says, decide what is in doubt: of {} {dots} {} {}",
+            "note: {number} dots, as --dots says: of {} in doubt {dots} {} taken",
             counted(dots + others, "mark"),
-            are(dots),
-            if dots == 1 { "a dot" } else { "dots" }
+            are(dots)
         );
     }
 }

@@ -27,6 +27,7 @@ use nalgebra::Matrix3;
 
 use super::{NOISES, SCALES, SHAPES, scale};
 use crate::geometry::Vec3;
+use crate::recognize::ln_sum::LnSum;
 use crate::recognize::nodes::normal_nodes;
 use crate::view::NoiseShape;
 
@@ -147,15 +148,16 @@ impl Densities {
     /// Writes the logarithm of the integral, Laplace's factor left out, for every shape at some of the scales; `None`
     /// where the dots do not determine the rotation.
     ///
-    /// The displacements were measured with the scale `measured`.
+    /// The displacements were measured with the scale `measured`; `information` is [theirs](information).
     pub(super) fn integrate(
         &self,
         measured: f64,
         dots: &mut [Displacement],
+        information: &Matrix3<f64>,
         scales: Range<usize>,
         noise: &mut [f64; NOISES],
     ) -> Option<()> {
-        let factor = information(dots).cholesky()?;
+        let factor = information.cholesky()?;
         let covariance = factor.inverse();
         dots.iter_mut().for_each(|dot| dot.set_disc(&covariance));
         let upper = factor.l().transpose();
@@ -215,38 +217,6 @@ fn of_all_shapes(scales: Range<usize>) -> impl Iterator<Item = usize> {
     (0..SHAPES.len()).flat_map(move |shape| scales.clone().map(move |n| shape * SCALES + n))
 }
 
-/// A sum of exponentials.
-#[derive(Debug, Clone, Copy)]
-struct LnSum {
-    max: f64,
-    /// Over the exponential of `max`.
-    sum: f64,
-}
-
-impl Default for LnSum {
-    fn default() -> Self {
-        Self {
-            max: f64::NEG_INFINITY,
-            sum: 0.0,
-        }
-    }
-}
-
-impl LnSum {
-    fn add(&mut self, ln: f64) {
-        if ln > self.max {
-            self.sum = 1.0 + self.sum * (self.max - ln).exp();
-            self.max = ln;
-        } else {
-            self.sum += (ln - self.max).exp();
-        }
-    }
-
-    fn ln(&self) -> f64 {
-        self.max + self.sum.ln()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::{Matrix2x3, Vector2};
@@ -255,7 +225,7 @@ mod tests {
 
     use super::*;
     use crate::geometry::{random_direction_above, tangent_frame};
-    use crate::recognize::learn::over_steps;
+    use crate::recognize::learn::steps::over_steps;
     use crate::view::Noise;
 
     /// Dots moved by this noise, at the rotation of least squares, in standard deviations of 0.01 rad.
@@ -282,7 +252,8 @@ mod tests {
 
     fn integrated(dots: &mut [Displacement]) -> [f64; NOISES] {
         let mut noise = [0.0; NOISES];
-        let all = Densities::new().integrate(1.0, dots, 0..SCALES, &mut noise);
+        let known = information(dots);
+        let all = Densities::new().integrate(1.0, dots, &known, 0..SCALES, &mut noise);
         assert!(all.is_some());
         noise
     }

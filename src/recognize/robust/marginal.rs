@@ -116,12 +116,14 @@ impl RobustRecognizer {
             displacements.push(Displacement::new([a, b, depth], by));
         }
         // Where the search has integrated, its factor holds for the noise expected only.
+        let known = information(displacements);
         let fit = RefinedExplanation {
-            ln_volume: ln_volume(&information(displacements)),
+            ln_volume: ln_volume(&known),
             ..*fit
         };
         let mut likelihood = self.ln_likelihood(conditions, &fit, assignment, dots);
-        conditions.integrate_noise(self.model.noise_scale(), displacements, &mut likelihood);
+        let scale = self.model.noise_scale();
+        conditions.integrate_noise(scale, displacements, &known, &mut likelihood);
         likelihood
     }
 

@@ -31,6 +31,7 @@ use super::model::{GATE, PreparedDot, ViewTables};
 use super::posterior::{ExplanationWeights, MAX_FOUND};
 use super::refine::{ComparedDots, RefinedExplanation, UNASSIGNED, widened};
 use crate::geometry::Vec3;
+use crate::recognize::ln_sum::ln_sum;
 use crate::recognize::nodes::normal_nodes;
 
 /// Rotations at which the integrand is evaluated.
@@ -230,8 +231,8 @@ impl Matching {
         }
         let ln_nodes = (NODES as f64).ln();
         Some(ExplanationWeights {
-            ln_own: ln_sum(&self.own) - ln_nodes,
-            ln_all: ln_sum(&self.all) - ln_nodes,
+            ln_own: ln_sum(self.own.iter().copied()) - ln_nodes,
+            ln_all: ln_sum(self.all.iter().copied()) - ln_nodes,
         })
     }
 
@@ -447,15 +448,6 @@ impl Matching {
         let by_count = self.before[..counts].iter().enumerate();
         by_count.map(|(k, w)| w * model.false_count(k).exp()).sum()
     }
-}
-
-/// ln of the sum of the exponentials.
-fn ln_sum(terms: &[f64]) -> f64 {
-    let max = terms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if max == f64::NEG_INFINITY {
-        return max;
-    }
-    max + terms.iter().map(|t| (t - max).exp()).sum::<f64>().ln()
 }
 
 /// The nodes, of unit variance.

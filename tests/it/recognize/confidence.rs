@@ -14,9 +14,9 @@ use spindoe::geometry::{
     Rotation, Vec3, random_direction_above, random_rotation, rotation_angle, tangent_frame,
 };
 use spindoe::pattern::Pattern;
-use spindoe::recognize::observed::observed_frames;
+use spindoe::recognize::observed::{ObservedFrame, observed_frames};
 use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
-use spindoe::recognize::stream::{FrameAnswer, LearningConfig, identify_learning};
+use spindoe::recognize::stream::{FrameAnswer, LearnedView, LearningConfig, identify_learning};
 use spindoe::recognize::{Hint, ORIENTATION_FAILURE_RAD, Recognizer};
 use spindoe::validate::Trials;
 use spindoe::view::{
@@ -372,6 +372,22 @@ fn claims_add_up_where_some_views_show_something_else() {
     );
 }
 
+/// What is learned of frames of which nothing is stated.
+fn learned(
+    ball: &Ball,
+    frames: Vec<ObservedFrame>,
+    answers: &mut Answers,
+) -> spindoe::Result<LearnedView> {
+    identify_learning(
+        ball,
+        &RobustConfig::default(),
+        &LearningConfig::default(),
+        frames.into_iter().map(Ok),
+        NonZero::<usize>::MIN,
+        answers,
+    )
+}
+
 /// Frames in which a matched dot lies at the end of what the noise reaches: what is learned of them must be
 /// finite, and the frames must be answered. Files of these seeds once were refused with a limit that is NaN.
 #[test]
@@ -382,14 +398,7 @@ fn dots_at_the_end_of_the_noise_do_not_spoil_what_is_learned() {
         let view = ProtocolName::Image.view();
         let frames = observed_frames(ball.pattern(), &view, seed, 150);
         let mut answers = Answers::default();
-        let learned = identify_learning(
-            &ball,
-            &RobustConfig::default(),
-            &LearningConfig::default(),
-            frames.into_iter().map(Ok),
-            NonZero::<usize>::MIN,
-            &mut answers,
-        );
+        let learned = learned(&ball, frames, &mut answers);
         let learned = learned.unwrap_or_else(|e| panic!("seed {seed}: {e}"));
         assert!(learned.view.check().is_ok(), "seed {seed}: {learned:?}");
         let answered = answers.0.iter().filter(|a| a.identification().is_some());
@@ -406,14 +415,7 @@ fn the_noise_is_learned_as_it_is() {
     for (name, most_off) in [(ProtocolName::Paper, 0.07), (ProtocolName::Sparse, 0.13)] {
         let view = name.view();
         let frames = observed_frames(ball.pattern(), &view, 64_973, 250);
-        let learned = identify_learning(
-            &ball,
-            &RobustConfig::default(),
-            &LearningConfig::default(),
-            frames.into_iter().map(Ok),
-            NonZero::<usize>::MIN,
-            &mut Answers::default(),
-        );
+        let learned = learned(&ball, frames, &mut Answers::default());
         let found = learned.unwrap().view;
         assert_eq!(found.noise.shape(), view.noise.shape(), "{name}");
         assert!(
@@ -442,14 +444,7 @@ fn the_share_of_other_frames_is_learned() {
         }
     }
     let mut answers = Answers::default();
-    let learned = identify_learning(
-        &ball,
-        &RobustConfig::default(),
-        &LearningConfig::default(),
-        frames.into_iter().map(Ok),
-        NonZero::<usize>::MIN,
-        &mut answers,
-    );
+    let learned = learned(&ball, frames, &mut answers);
     let share = learned.unwrap().view.foreign_share;
     assert!((share - 0.4).abs() < 0.08, "{share}");
     let sure = |a: &&FrameAnswer| a.identification().is_some_and(|f| f.confidence >= 0.99);

@@ -5,20 +5,18 @@
 //! where every rotation and every name is known: the file's own share of the error, which no
 //! recognizer can avoid.
 
-use std::f64::consts::PI;
 use std::num::NonZero;
 
 use rayon::prelude::*;
-use spindoe::pipeline::Sink;
-use spindoe::recognize::observed::ObservedFrame;
 use spindoe::recognize::robust::RobustConfig;
-use spindoe::recognize::stream::{FrameAnswer, LearningConfig, identify_learning};
-use spindoe::stats::normal_cdf;
-use spindoe::view::{NoiseShape, ProtocolName, Trial, TrialGenerator};
+use spindoe::recognize::stream::{LearningConfig, identify_learning};
+use spindoe::view::{NoiseShape, ProtocolName, Trial};
 use spindoe_studies::row;
+use spindoe_studies::score::mean;
 use spindoe_studies::table::{Table, figure};
 
 use super::Bench;
+use crate::trust::conditions::{Answers, files, observed};
 
 /// Views of a file.
 const VIEWS: u64 = 250;
@@ -26,17 +24,6 @@ const VIEWS: u64 = 250;
 const RIGHT: f64 = 0.03;
 /// Seeds of the files.
 const SEEDS: std::ops::RangeInclusive<u64> = 64_951..=64_970;
-
-/// Leaves the answers.
-struct Ignored;
-
-impl Sink<FrameAnswer> for Ignored {
-    type Error = spindoe::Error;
-
-    fn take(&mut self, _: FrameAnswer) -> spindoe::Result<()> {
-        Ok(())
-    }
-}
 
 /// What a file shows.
 struct Learned {
@@ -47,31 +34,15 @@ struct Learned {
 }
 
 fn learned(bench: &Bench, name: ProtocolName, seed: u64) -> spindoe::Result<Learned> {
-    let view = name.view();
-    let mut generator = TrialGenerator::new(bench.pattern().dots(), view, seed);
-    let mut trials = Vec::new();
-    for index in 0..VIEWS {
-        let mut trial = Trial::default();
-        generator.generate(index, &mut trial);
-        if trial.real_dots() >= view.min_dots {
-            trials.push(trial);
-        }
-    }
-    let frames = trials.iter().enumerate().map(|(k, trial)| {
-        Ok(ObservedFrame {
-            name: k.to_string(),
-            time_s: None,
-            is_numbered: false,
-            dots: trial.dots.clone(),
-        })
-    });
+    let file = files(bench.pattern(), name.view(), VIEWS, VIEWS as usize, seed);
+    let trials = file.concat();
     let found = identify_learning(
         &bench.ball,
         &RobustConfig::default(),
         &LearningConfig::default(),
-        frames.collect::<Vec<_>>().into_iter(),
+        observed(&trials).into_iter().map(Ok),
         NonZero::<usize>::MIN,
-        &mut Ignored,
+        &mut Answers::default(),
     )?;
     let shape = found.view.noise.shape();
     Ok(Learned {
@@ -94,7 +65,7 @@ fn shown(bench: &Bench, shape: NoiseShape, trials: &[Trial]) -> f64 {
     let deviations: Vec<f64> = deviations.collect();
     let ln_likelihood = |ln_scale: f64| -> f64 {
         let each = deviations.iter();
-        each.map(|u| ln_density(shape, u * (-ln_scale).exp()) - 2.0 * ln_scale)
+        each.map(|u| shape.ln_density(u * (-ln_scale).exp()) - 2.0 * ln_scale)
             .sum()
     };
     let (mut low, mut high) = (-1.0f64, 1.0f64);
@@ -108,17 +79,6 @@ fn shown(bench: &Bench, shape: NoiseShape, trials: &[Trial]) -> f64 {
         }
     }
     (0.5 * (low + high)).exp()
-}
-
-/// The density with its pole, which [`NoiseShape::ln_kernel`] cuts.
-fn ln_density(shape: NoiseShape, u: f64) -> f64 {
-    match shape {
-        NoiseShape::RandomAxis => {
-            let beyond = 2.0 * normal_cdf(-u / 3f64.sqrt());
-            ((PI / 6.0).sqrt() / u * beyond).ln()
-        }
-        NoiseShape::Normal | NoiseShape::HeavyTailed => shape.ln_kernel(u),
-    }
 }
 
 /// The shape that is learned of noise of this one: of those that are learned, normal noise is nearest to the
@@ -164,20 +124,16 @@ pub fn print(bench: &Bench) -> spindoe::Result<()> {
         let rms = (off.sum::<f64>() / found.len() as f64).sqrt();
         let each: Vec<String> = scales.iter().map(|s| format!("{s:.3}")).collect();
         row!(
-            table; format!("`{name}`"), shapes, right(&scales), figure(mean(&scales), 3, ""),
-            figure(spread(&scales), 3, ""), right(&shown), figure(mean(&shown), 3, ""),
+            table; format!("`{name}`"), shapes, right(&scales), figure(mean(&scales, |x| *x), 3, ""),
+            figure(spread(&scales), 3, ""), right(&shown), figure(mean(&shown, |x| *x), 3, ""),
             figure(spread(&shown), 3, ""), figure(rms, 3, ""), each.join(" ")
         );
     }
     Ok(())
 }
 
-fn mean(all: &[f64]) -> f64 {
-    all.iter().sum::<f64>() / all.len() as f64
-}
-
 fn spread(all: &[f64]) -> f64 {
-    let mean = mean(all);
+    let mean = mean(all, |x| *x);
     let squares: f64 = all.iter().map(|x| (x - mean).powi(2)).sum();
     (squares / (all.len() as f64 - 1.0)).sqrt()
 }

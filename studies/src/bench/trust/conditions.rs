@@ -39,7 +39,7 @@ fn judge(found: Option<&Identification>, trial: &Trial) -> Judged {
 }
 
 /// Trials of a view model, `frames` a file.
-fn files(
+pub fn files(
     pattern: &Pattern,
     view: ViewModel,
     trials: u64,
@@ -60,7 +60,7 @@ fn files(
 
 /// Keeps the answers.
 #[derive(Default)]
-struct Answers(Vec<FrameAnswer>);
+pub struct Answers(Vec<FrameAnswer>);
 
 impl Sink<FrameAnswer> for Answers {
     type Error = spindoe::Error;
@@ -94,14 +94,19 @@ pub fn answers(
     Ok(sink.0)
 }
 
-fn learned(pattern: &Pattern, file: &[Trial], order: LearningOrder) -> Result<Vec<Judged>> {
+/// The frames that show these trials.
+pub fn observed(file: &[Trial]) -> Vec<ObservedFrame> {
     let frames = file.iter().enumerate().map(|(k, trial)| ObservedFrame {
         name: k.to_string(),
         time_s: None,
         is_numbered: false,
         dots: trial.dots.clone(),
     });
-    let found = answers(&Ball::new(pattern.clone()), frames.collect(), order)?;
+    frames.collect()
+}
+
+fn learned(pattern: &Pattern, file: &[Trial], order: LearningOrder) -> Result<Vec<Judged>> {
+    let found = answers(&Ball::new(pattern.clone()), observed(file), order)?;
     let found = found.iter().map(FrameAnswer::identification);
     Ok(file.iter().zip(found).map(|(t, a)| judge(a, t)).collect())
 }
