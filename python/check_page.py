@@ -79,7 +79,7 @@ def turns(page, checks):
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()
-    page.mouse.move(x + 90, y + 35, steps=6)
+    page.mouse.move(x + 90, y + 35, steps=2)
     page.mouse.up()
     settle(page)
     checks.that(turn(page) != first, "a drag turns the ball")
@@ -303,8 +303,8 @@ def check(browser, path, shots, checks):
     print(path)
     checks.that(path.stat().st_size <= MAX_BYTES, f"{path.stat().st_size} bytes, at most {MAX_BYTES}")
     name = f"{path.parent.name}_{path.stem}"
-    # Half of the pixels a side: the views are drawn by software.
-    page, complaints = open_page(browser, path, checks, viewport={"width": 1280, "height": 900}, device_scale_factor=0.5)
+    # A quarter of the pixels a side: the views are drawn by software.
+    page, complaints = open_page(browser, path, checks, viewport={"width": 1280, "height": 900}, device_scale_factor=0.25)
     data = json.loads(page.locator("#data").text_content())
     checks.that(drawn_colors(page, "canvas.view") > 100, "the ball is drawn")
     shoot(page, shots, f"{name}_light")
@@ -327,7 +327,7 @@ def check(browser, path, shots, checks):
     checks.that(not complaints, f"no complaint in the console {complaints[:3]}")
     page.context.close()
     page, complaints = open_page(
-        browser, path, checks, viewport={"width": 390, "height": 844}, device_scale_factor=0.5, has_touch=True, is_mobile=True
+        browser, path, checks, viewport={"width": 390, "height": 844}, device_scale_factor=0.25, has_touch=True, is_mobile=True
     )
     wide = page.evaluate("() => document.documentElement.scrollWidth")
     checks.that(wide <= 390, f"nothing is wider than a phone of 390 px ({wide})")

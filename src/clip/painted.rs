@@ -204,7 +204,7 @@ impl SurfaceObserver {
     /// What finding them in a frame may cost.
     pub fn budget() -> Budget {
         Budget {
-            runs: 1,
+            runs: 0,
             ..Budget::default()
         }
     }

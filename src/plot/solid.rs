@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use plotters::prelude::*;
 
+use crate::concurrency;
 use crate::geometry::Vec3;
 use crate::stencil::Mesh;
 
@@ -151,6 +152,16 @@ impl Viewpoint {
     }
 }
 
+/// The nearest surface in one pixel.
+#[derive(Clone, Copy)]
+struct NearestSurface {
+    depth: f64,
+    body: u32,
+    triangle: u32,
+    /// Where the pixel meets it: barycentric.
+    weights: [f64; 3],
+}
+
 /// What is seen in one pixel.
 #[derive(Clone, Copy)]
 struct SeenPixel {
@@ -163,13 +174,13 @@ struct SeenPixel {
 const BAND_ROWS: usize = 128;
 
 /// Some rows of a picture.
-struct Band {
+struct Band<T> {
     width: usize,
     rows: Range<usize>,
-    pixels: Vec<Option<SeenPixel>>,
+    pixels: Vec<Option<T>>,
 }
 
-impl Band {
+impl<T: Copy> Band<T> {
     fn new(width: usize, rows: Range<usize>) -> Self {
         Self {
             width,
@@ -178,9 +189,15 @@ impl Band {
         }
     }
 
-    /// What is seen in a pixel of the picture that lies in these rows.
-    fn at(&self, x: usize, y: usize) -> Option<SeenPixel> {
+    /// What is in a pixel of the picture that lies in these rows.
+    fn at(&self, x: usize, y: usize) -> Option<T> {
         self.pixels[(y - self.rows.start) * self.width + x]
+    }
+
+    /// The pixels of a row of the picture that lies in these rows.
+    fn row(&mut self, y: usize) -> &mut [Option<T>] {
+        let start = (y - self.rows.start) * self.width;
+        &mut self.pixels[start..start + self.width]
     }
 }
 
@@ -239,38 +256,83 @@ impl SolidFrame {
 pub(super) fn render(area: &Area<'_>, frame: &SolidFrame, bodies: &[Body<'_>]) -> Drawn {
     let (width, height) = area.dim_in_pixel();
     let (width, height) = (width as usize, height as usize);
-    let light = Vec3::from(LIGHT).normalize();
-    for start in (0..height).step_by(BAND_ROWS) {
-        let end = (start + BAND_ROWS).min(height);
-        // A row more on either side: lines depend on neighbors.
-        let mut band = Band::new(width, start.saturating_sub(1)..(end + 1).min(height));
-        for body in bodies {
-            for t in 0..body.mesh.triangles.len() {
-                fill(&mut band, frame, &body.mesh.corners(t), body.paint);
-            }
-        }
-        for y in start..end {
-            for x in 0..width {
-                let Some(pixel) = band.at(x, y) else {
-                    continue;
-                };
-                let lit = AMBIENT + (1.0 - AMBIENT) * pixel.normal.dot(&light).max(0.0);
-                let line = if on_line(&band, (x, y), frame) {
-                    LINE
-                } else {
-                    1.0
-                };
-                let lit = lit * line;
-                let [r, g, b] = pixel.color.map(|c| (c * lit).clamp(0.0, 255.0) as u8);
-                area.draw_pixel((x as i32, y as i32), &RGBColor(r, g, b))?;
+    let faces: Vec<Face> = (0..bodies.len())
+        .flat_map(|body| faces(frame, bodies, body))
+        .collect();
+    let bands = concurrency::map_range(0..height.div_ceil(BAND_ROWS) as u64, |band| {
+        let start = band as usize * BAND_ROWS;
+        let rows = start..(start + BAND_ROWS).min(height);
+        colors(width, height, rows, frame, bodies, &faces)
+    });
+    for (y, row) in bands.iter().flat_map(|b| b.chunks(width)).enumerate() {
+        for (x, color) in row.iter().enumerate() {
+            if let Some(color) = color {
+                area.draw_pixel((x as i32, y as i32), color)?;
             }
         }
     }
     Ok(())
 }
 
+/// The colors of some rows of a picture.
+fn colors(
+    width: usize,
+    height: usize,
+    rows: Range<usize>,
+    frame: &SolidFrame,
+    bodies: &[Body<'_>],
+    faces: &[Face],
+) -> Vec<Option<RGBColor>> {
+    // A row more on either side: lines depend on neighbors.
+    let about = rows.start.saturating_sub(1)..(rows.end + 1).min(height);
+    let mut nearest = Band::new(width, about.clone());
+    for face in faces {
+        fill(&mut nearest, face);
+    }
+    let look = |n: Option<NearestSurface>| n.and_then(|n| seen(&n, frame, bodies));
+    let seen = Band {
+        pixels: nearest.pixels.into_iter().map(look).collect(),
+        width,
+        rows: about,
+    };
+    let light = Vec3::from(LIGHT).normalize();
+    let at = rows.flat_map(|y| (0..width).map(move |x| (x, y)));
+    let color = |(x, y)| {
+        let pixel = seen.at(x, y)?;
+        let lit = AMBIENT + (1.0 - AMBIENT) * pixel.normal.dot(&light).max(0.0);
+        let line = if on_line(&seen, (x, y), frame) {
+            LINE
+        } else {
+            1.0
+        };
+        let lit = lit * line;
+        let [r, g, b] = pixel.color.map(|c| (c * lit).clamp(0.0, 255.0) as u8);
+        Some(RGBColor(r, g, b))
+    };
+    at.map(color).collect()
+}
+
+/// The point of a surface and how it looks there.
+fn seen(at: &NearestSurface, frame: &SolidFrame, bodies: &[Body<'_>]) -> Option<SeenPixel> {
+    let Body { mesh, paint } = bodies[at.body as usize];
+    let corners = mesh.corners(at.triangle as usize);
+    let normal = facet_normal(&corners)?;
+    let [a, b, c] = at.weights;
+    let point = a * corners[0] + b * corners[1] + c * corners[2];
+    Some(SeenPixel {
+        depth: at.depth,
+        normal: frame.view.apply(&paint.normal(&point, &normal)),
+        color: paint.at(&point),
+    })
+}
+
+fn facet_normal(corners: &[Vec3; 3]) -> Option<Vec3> {
+    let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+    normal.try_normalize(1e-30)
+}
+
 /// Whether the surface jumps or folds between a pixel and one of its neighbors.
-fn on_line(band: &Band, (x, y): (usize, usize), frame: &SolidFrame) -> bool {
+fn on_line(band: &Band<SeenPixel>, (x, y): (usize, usize), frame: &SolidFrame) -> bool {
     let Some(here) = band.at(x, y) else {
         return false;
     };
@@ -295,48 +357,85 @@ fn on_line(band: &Band, (x, y): (usize, usize), frame: &SolidFrame) -> bool {
         })
 }
 
+/// A triangle in the picture, which faces the viewer.
+struct Face {
+    body: u32,
+    triangle: u32,
+    /// Drawn pixels, and depths, mm.
+    corners: [(f64, f64, f64); 3],
+    /// Twice its area, square pixels.
+    area: f64,
+}
+
+/// The triangles of a body that face the viewer.
+fn faces(frame: &SolidFrame, bodies: &[Body<'_>], body: usize) -> Vec<Face> {
+    let mesh = bodies[body].mesh;
+    let placed: Vec<_> = mesh.vertices.iter().map(|v| frame.place(v)).collect();
+    let face = |(t, triangle): (usize, &[u32; 3])| {
+        let corners = triangle.map(|v| placed[v as usize]);
+        // In pixels y points down: front faces turn clockwise.
+        let area = -cross(corners[0], corners[1], corners[2].0, corners[2].1);
+        (area > 0.0 && facet_normal(&mesh.corners(t)).is_some()).then_some(Face {
+            body: body as u32,
+            triangle: t as u32,
+            corners,
+            area,
+        })
+    };
+    mesh.triangles.iter().enumerate().filter_map(face).collect()
+}
+
+fn cross(a: (f64, f64, f64), b: (f64, f64, f64), x: f64, y: f64) -> f64 {
+    (b.0 - a.0) * (y - a.1) - (b.1 - a.1) * (x - a.0)
+}
+
 /// Draws one triangle into the band where nothing nearer is.
-fn fill(band: &mut Band, frame: &SolidFrame, corners: &[Vec3; 3], paint: &SolidPaint) {
-    let q = corners.each_ref().map(|c| frame.place(c));
-    let cross = |a: (f64, f64, f64), b: (f64, f64, f64), x: f64, y: f64| {
-        (b.0 - a.0) * (y - a.1) - (b.1 - a.1) * (x - a.0)
-    };
-    // In pixels y points down: front faces turn clockwise.
-    let area = -cross(q[0], q[1], q[2].0, q[2].1);
-    let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-    let Some(normal) = normal.try_normalize(1e-30) else {
-        return;
-    };
-    if area <= 0.0 {
-        return;
-    }
+fn fill(band: &mut Band<NearestSurface>, face: &Face) {
+    let Face {
+        corners: q, area, ..
+    } = face;
     let bound =
         |f: fn(f64, f64) -> f64, i: fn(&(f64, f64, f64)) -> f64| f(f(i(&q[0]), i(&q[1])), i(&q[2]));
-    let columns = bound(f64::min, |p| p.0).ceil().max(0.0) as usize
-        ..=bound(f64::max, |p| p.0)
+    let columns = [
+        bound(f64::min, |p| p.0).ceil().max(0.0),
+        bound(f64::max, |p| p.0)
             .floor()
-            .clamp(0.0, band.width as f64 - 1.0) as usize;
+            .min(band.width as f64 - 1.0),
+    ];
     let top = bound(f64::min, |p| p.1).ceil().max(0.0) as usize;
     let bottom = bound(f64::max, |p| p.1).floor().max(0.0) as usize;
+    let edges = [(q[1], q[2]), (q[2], q[0]), (q[0], q[1])];
     for y in top.max(band.rows.start)..(bottom + 1).min(band.rows.end) {
-        for x in columns.clone() {
-            let (px, py) = (x as f64, y as f64);
-            let w = [
-                -cross(q[1], q[2], px, py) / area,
-                -cross(q[2], q[0], px, py) / area,
-                -cross(q[0], q[1], px, py) / area,
-            ];
-            if w.iter().any(|&w| w < 0.0) {
+        let py = y as f64;
+        // Where the row enters and leaves the triangle, and a pixel more; the weights decide.
+        let [mut first, mut last] = columns;
+        for (a, b) in edges {
+            let (along, rise) = ((b.0 - a.0) * (py - a.1), b.1 - a.1);
+            let met = a.0 + along / rise;
+            if rise > 0.0 {
+                first = first.max(met.floor() - 1.0);
+            } else if rise < 0.0 {
+                last = last.min(met.ceil() + 1.0);
+            }
+        }
+        if !(first <= last) {
+            continue;
+        }
+        let (first, last) = (first as usize, last as usize);
+        let row = &mut band.row(y)[first..=last];
+        for (slot, x) in row.iter_mut().zip(first..) {
+            let px = x as f64;
+            let weights = edges.map(|(a, b)| -cross(a, b, px, py) / area);
+            if weights.iter().any(|&w| w < 0.0) {
                 continue;
             }
-            let depth = w[0] * q[0].2 + w[1] * q[1].2 + w[2] * q[2].2;
-            let slot = &mut band.pixels[(y - band.rows.start) * band.width + x];
+            let depth = weights[0] * q[0].2 + weights[1] * q[1].2 + weights[2] * q[2].2;
             if slot.is_none_or(|p| depth > p.depth) {
-                let point = w[0] * corners[0] + w[1] * corners[1] + w[2] * corners[2];
-                *slot = Some(SeenPixel {
+                *slot = Some(NearestSurface {
                     depth,
-                    normal: frame.view.apply(&paint.normal(&point, &normal)),
-                    color: paint.at(&point),
+                    body: face.body,
+                    triangle: face.triangle,
+                    weights,
                 });
             }
         }

@@ -6,6 +6,7 @@
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
 use super::mapper::MappedClip;
+use crate::concurrency;
 use crate::error::{Error, Result};
 use crate::geometry::Vec3;
 use crate::stats::{SIGMA_PER_MAD, median};
@@ -26,6 +27,8 @@ const FEW_VIEWS: usize = 8;
 const WHOLE: f64 = 0.9;
 /// Of the places about one, every so many-th is looked at.
 const STRIDE: usize = 3;
+/// Places that a thread works on at once.
+const AT_ONCE: usize = 1000;
 
 /// How dark a ball's surface is, in the frame that the clip is laid out in.
 pub(crate) struct Darkness {
@@ -66,11 +69,9 @@ impl Darkness {
     pub fn of(clip: MappedClip) -> Result<Self> {
         let map = clip.map();
         let (directions, views) = (map.directions(), map.views());
-        let points: Vec<[f64; 3]> = directions.iter().map(|d| [d.x, d.y, d.z]).collect();
-        let tree = Tree::new_from_slice(&points)
-            .map_err(|e| Error::argument("surface", format!("no search tree: {e}")))?;
+        let tree = search_tree(directions.iter())?;
         let raw: Vec<f32> = map.values().iter().map(|v| v.exp()).collect();
-        let mean = |k: usize| {
+        let values = each_place(directions.len(), |k, _| {
             let (mut sum, mut count) = (0.0, 0.0);
             near(&tree, &directions[k], NEIGHBORS, |j| {
                 if views[j] > 0 {
@@ -79,14 +80,14 @@ impl Darkness {
                 }
             });
             if count > 0.0 { sum / count } else { 1.0 }
-        };
-        let values: Vec<f32> = (0..directions.len()).map(mean).collect();
+        });
         let seen = || (0..directions.len()).filter(|k| views[*k] > 0);
         let mut off: Vec<f64> = seen()
             .map(|k| f64::from((raw[k] - values[k]).abs()))
             .collect();
-        let mut around = Vec::new();
-        let mut place = |k: usize| {
+        let sparse: Vec<usize> = seen().filter(|k| k % STRIDE == 0).collect();
+        let sparse_tree = search_tree(sparse.iter().map(|k| &directions[*k]))?;
+        let places = each_place(directions.len(), |k, around: &mut Vec<f32>| {
             let mut place = SurfacePlace {
                 direction: directions[k],
                 darkness: 0.0,
@@ -95,10 +96,8 @@ impl Darkness {
             };
             if place.views > 0 {
                 around.clear();
-                near(&tree, &directions[k], ABOUT, |j| {
-                    if views[j] > 0 && j % STRIDE == 0 {
-                        around.push(values[j]);
-                    }
+                near(&sparse_tree, &directions[k], ABOUT, |j| {
+                    around.push(values[sparse[j]]);
                 });
                 around.push(values[k]);
                 let nth = ((around.len() - 1) as f64 * BARE) as usize;
@@ -107,8 +106,7 @@ impl Darkness {
                 place.steady = map.darker(k, (0.5 * (*bare + values[k])).ln());
             }
             place
-        };
-        let places: Vec<SurfacePlace> = (0..directions.len()).map(&mut place).collect();
+        });
         let mut darkness: Vec<f64> = seen().map(|k| f64::from(places[k].darkness)).collect();
         Ok(Self {
             floor: median(&mut darkness) as f32,
@@ -207,6 +205,30 @@ impl Darkness {
         let unseen = self.places.iter().filter(|p| !p.is_shown());
         unseen.filter(is_unseen).count() as f64 / self.places.len() as f64
     }
+}
+
+/// Finds the directions that are near to one.
+///
+/// # Errors
+/// [`Error::Argument`] where no tree can be made.
+fn search_tree<'a>(directions: impl Iterator<Item = &'a Vec3>) -> Result<Tree> {
+    let points: Vec<[f64; 3]> = directions.map(|d| [d.x, d.y, d.z]).collect();
+    Tree::new_from_slice(&points)
+        .map_err(|e| Error::argument("surface", format!("no search tree: {e}")))
+}
+
+/// What `work` makes of each of so many places, with room that it uses again.
+fn each_place<R: Send>(
+    count: usize,
+    work: impl Fn(usize, &mut Vec<f32>) -> R + Sync + Send,
+) -> Vec<R> {
+    let parts = concurrency::map_range(0..count.div_ceil(AT_ONCE) as u64, |part| {
+        let start = part as usize * AT_ONCE;
+        let mut room = Vec::new();
+        let places = start..count.min(start + AT_ONCE);
+        places.map(|k| work(k, &mut room)).collect::<Vec<R>>()
+    });
+    parts.into_iter().flatten().collect()
 }
 
 /// Calls `take` with every place nearer to a direction than `within`, radians.

@@ -96,7 +96,7 @@ impl Estimator {
         (out.attempts, out.timings) = (ws.spending.runs, ws.spending.timings);
         if out.outcome.is_err() && !is_mirrored(out) && ws.spending.is_late() {
             out.outcome = Err(FrameRejection::OutOfTime);
-        } else if out.outcome == Err(FrameRejection::NotProcessed) {
+        } else if out.outcome == Err(FrameRejection::NotProcessed) && out.outline.is_none() {
             out.outcome = Err(FrameRejection::NoBall(NoBall::NoCircle { support: 0.0 }));
         }
         self.sharpen(image, ws, out);

@@ -61,7 +61,7 @@ pub struct Pose {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum FrameRejection {
-    /// The frame is not processed yet.
+    /// The frame is not processed yet, or its dots were to be found and not identified.
     NotProcessed,
     /// There is no ball to be seen.
     NoBall(NoBall),

@@ -97,7 +97,8 @@ impl OutlinePrior {
 /// What may be spent on a frame. The likeliest outlines and cameras are tried first, until one is clear or this ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Budget {
-    /// Runs of the recognizer from which on no further outline is tried.
+    /// Runs of the recognizer from which on no further outline is tried; with none the dots of the first outline that may be the ball's
+    /// are found and not identified.
     pub runs: usize,
     /// Runs on this frame that were made before: the more, the likelier one of them is right by accident.
     pub spent: usize,
@@ -177,7 +178,12 @@ impl Spending {
 
     /// Whether nothing further is to be begun.
     pub fn is_over(&self) -> bool {
-        self.runs - self.budget.spent >= self.budget.runs || self.is_late()
+        self.runs - self.budget.spent >= self.budget.runs.max(1) || self.is_late()
+    }
+
+    /// Whether dots are to be found alone.
+    pub fn is_detecting(&self) -> bool {
+        self.budget.runs == 0
     }
 
     /// Whether the deadline has passed, or the flag is set.

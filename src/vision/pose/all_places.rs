@@ -73,7 +73,7 @@ impl Estimator {
         let Some(outline) = out.outline.filter(|_| !out.is_settled()) else {
             return;
         };
-        if ws.spending.is_late() {
+        if ws.spending.is_detecting() || ws.spending.is_late() {
             return;
         }
         let begun = Instant::now();

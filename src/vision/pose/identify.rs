@@ -142,6 +142,11 @@ impl Estimator {
         let Some(outline) = out.outline else {
             return;
         };
+        if ws.spending.is_detecting() {
+            // The outline has had its turn.
+            ws.spending.runs += 1;
+            return;
+        }
         let begun = Instant::now();
         out.earlier_attempts = ws.spending.runs;
         out.outcome = self.identify_dots(&outline, detections, None, ws, out);
