@@ -3,7 +3,8 @@
 //! Each pixel keeps the nearest surface's depth, normal and color; lines are then drawn where depth
 //! or normal jump, so that rims and engravings stay readable in print.
 
-use std::ops::Range;
+use std::num::NonZeroU32;
+use std::ops::{Range, RangeInclusive};
 
 use plotters::prelude::*;
 
@@ -60,60 +61,51 @@ pub(super) enum SolidPaint {
 }
 
 impl SolidPaint {
-    /// The color at a point of the surface, mm.
-    fn at(&self, p: &Vec3) -> Rgb {
-        match self {
+    /// The surface's normal at a point, mm, and its color there. The normal is the facet's, or that of the sphere which it stands for.
+    fn look(&self, p: &Vec3, facet: &Vec3) -> (Vec3, Rgb) {
+        let from_center = match self {
+            Self::Shell { center, .. } | Self::Ball { center, .. } => p - center,
+        };
+        let r = from_center.norm();
+        let outwards = from_center / r;
+        let (on_sphere, color) = match self {
             Self::Shell {
                 color,
-                center,
-                radii,
-                chord,
-            } => {
-                let floor = ((p - center).norm() - radii[2]).abs() < 2.0 * chord;
-                color.map(|c| if floor { ENGRAVED * c } else { c })
-            }
-            Self::Ball {
-                colors,
-                zones,
-                center,
-                dots,
-                edge_cos,
-            } => {
-                let d = (p - center).normalize();
-                let [ball, dark, zone] = *colors;
-                if dots.iter().any(|dot| dot.dot(&d) >= *edge_cos) {
-                    dark
-                } else if zones.iter().any(|(axis, cos)| axis.dot(&d) >= *cos) {
-                    zone
-                } else {
-                    ball
-                }
-            }
-        }
-    }
-
-    /// The surface's normal at a point: the facet's, or that of the sphere which it stands for.
-    fn normal(&self, p: &Vec3, facet: &Vec3) -> Vec3 {
-        let (center, on_sphere) = match self {
-            Self::Shell {
-                center,
                 radii,
                 chord,
                 ..
             } => {
-                let r = (p - center).norm();
-                (center, radii.iter().any(|s| (r - s).abs() < 1.5 * chord))
+                let on_sphere = radii.iter().any(|s| (r - s).abs() < 1.5 * chord);
+                let floor = (r - radii[2]).abs() < 2.0 * chord;
+                (
+                    on_sphere,
+                    color.map(|c| if floor { ENGRAVED * c } else { c }),
+                )
             }
-            Self::Ball { center, .. } => (center, true),
+            Self::Ball {
+                colors: [ball, dark, zone],
+                zones,
+                dots,
+                edge_cos,
+                ..
+            } => {
+                let is_dot = || dots.iter().any(|dot| dot.dot(&outwards) >= *edge_cos);
+                let is_zone = |(axis, cos): &(Vec3, f64)| axis.dot(&outwards) >= *cos;
+                let color = match () {
+                    () if is_dot() => dark,
+                    () if zones.iter().any(is_zone) => zone,
+                    () => ball,
+                };
+                (true, *color)
+            }
         };
-        let outwards = (p - center).normalize();
         let cos = outwards.dot(facet);
         // A sphere's facet is nearly square to the radius; a hole's wall that crosses it is not.
-        if on_sphere && cos.abs() > SPHERE_COS {
-            cos.signum() * outwards
-        } else {
-            *facet
-        }
+        let normal = match on_sphere && cos.abs() > SPHERE_COS {
+            true => cos.signum() * outwards,
+            false => *facet,
+        };
+        (normal, color)
     }
 }
 
@@ -156,10 +148,8 @@ impl Viewpoint {
 #[derive(Clone, Copy)]
 struct NearestSurface {
     depth: f64,
-    body: u32,
-    triangle: u32,
-    /// Where the pixel meets it: barycentric.
-    weights: [f64; 3],
+    /// The number of its triangle among all; none where nothing is seen.
+    face: Option<NonZeroU32>,
 }
 
 /// What is seen in one pixel.
@@ -170,36 +160,8 @@ struct SeenPixel {
     color: Rgb,
 }
 
-/// Rows of a picture that are rendered at once: a whole picture of pixels with depths takes 66 MB.
-const BAND_ROWS: usize = 128;
-
-/// Some rows of a picture.
-struct Band<T> {
-    width: usize,
-    rows: Range<usize>,
-    pixels: Vec<Option<T>>,
-}
-
-impl<T: Copy> Band<T> {
-    fn new(width: usize, rows: Range<usize>) -> Self {
-        Self {
-            width,
-            pixels: vec![None; width * rows.len()],
-            rows,
-        }
-    }
-
-    /// What is in a pixel of the picture that lies in these rows.
-    fn at(&self, x: usize, y: usize) -> Option<T> {
-        self.pixels[(y - self.rows.start) * self.width + x]
-    }
-
-    /// The pixels of a row of the picture that lies in these rows.
-    fn row(&mut self, y: usize) -> &mut [Option<T>] {
-        let start = (y - self.rows.start) * self.width;
-        &mut self.pixels[start..start + self.width]
-    }
-}
+/// Rows of a picture that are rendered at once, by one thread.
+const BAND_ROWS: usize = 64;
 
 /// A scene's place in a picture: `scale` drawn pixels per millimeter, the view's origin at
 /// `center`.
@@ -256,13 +218,11 @@ impl SolidFrame {
 pub(super) fn render(area: &Area<'_>, frame: &SolidFrame, bodies: &[Body<'_>]) -> Drawn {
     let (width, height) = area.dim_in_pixel();
     let (width, height) = (width as usize, height as usize);
-    let faces: Vec<Face> = (0..bodies.len())
-        .flat_map(|body| faces(frame, bodies, body))
-        .collect();
+    let faces: Vec<Face<'_>> = bodies.iter().flat_map(|b| faces(frame, b)).collect();
     let bands = concurrency::map_range(0..height.div_ceil(BAND_ROWS) as u64, |band| {
         let start = band as usize * BAND_ROWS;
         let rows = start..(start + BAND_ROWS).min(height);
-        colors(width, height, rows, frame, bodies, &faces)
+        colors(frame, &faces, width, rows, height)
     });
     for (y, row) in bands.iter().flat_map(|b| b.chunks(width)).enumerate() {
         for (x, color) in row.iter().enumerate() {
@@ -276,168 +236,205 @@ pub(super) fn render(area: &Area<'_>, frame: &SolidFrame, bodies: &[Body<'_>]) -
 
 /// The colors of some rows of a picture.
 fn colors(
-    width: usize,
-    height: usize,
-    rows: Range<usize>,
     frame: &SolidFrame,
-    bodies: &[Body<'_>],
-    faces: &[Face],
+    faces: &[Face<'_>],
+    width: usize,
+    rows: Range<usize>,
+    height: usize,
 ) -> Vec<Option<RGBColor>> {
-    // A row more on either side: lines depend on neighbors.
-    let about = rows.start.saturating_sub(1)..(rows.end + 1).min(height);
-    let mut nearest = Band::new(width, about.clone());
-    for face in faces {
-        fill(&mut nearest, face);
-    }
-    let look = |n: Option<NearestSurface>| n.and_then(|n| seen(&n, frame, bodies));
-    let seen = Band {
-        pixels: nearest.pixels.into_iter().map(look).collect(),
-        width,
-        rows: about,
-    };
     let light = Vec3::from(LIGHT).normalize();
-    let at = rows.flat_map(|y| (0..width).map(move |x| (x, y)));
-    let color = |(x, y)| {
-        let pixel = seen.at(x, y)?;
-        let lit = AMBIENT + (1.0 - AMBIENT) * pixel.normal.dot(&light).max(0.0);
-        let line = if on_line(&seen, (x, y), frame) {
-            LINE
-        } else {
-            1.0
-        };
-        let lit = lit * line;
-        let [r, g, b] = pixel.color.map(|c| (c * lit).clamp(0.0, 255.0) as u8);
-        Some(RGBColor(r, g, b))
-    };
-    at.map(color).collect()
+    // A row more on either side: lines depend on neighbors.
+    let mut band = Band::new(
+        width,
+        rows.start.saturating_sub(1)..(rows.end + 1).min(height),
+    );
+    for (k, face) in (1..).zip(faces) {
+        band.fill(face, NonZeroU32::new(k));
+    }
+    let [mut above, mut here, mut below] = [const { Vec::new() }; 3];
+    if let Some(y) = rows.start.checked_sub(1) {
+        band.look(frame, faces, y, &mut above);
+    }
+    band.look(frame, faces, rows.start, &mut here);
+    let mut colors = Vec::with_capacity(width * rows.len());
+    for y in rows {
+        band.look(frame, faces, y + 1, &mut below);
+        colors.extend((0..width).map(|x| {
+            let pixel = here[x]?;
+            let lit = AMBIENT + (1.0 - AMBIENT) * pixel.normal.dot(&light).max(0.0);
+            let line = match on_line([&above, &here, &below], x, frame) {
+                true => LINE,
+                false => 1.0,
+            };
+            let lit = lit * line;
+            let [r, g, b] = pixel.color.map(|c| (c * lit).clamp(0.0, 255.0) as u8);
+            Some(RGBColor(r, g, b))
+        }));
+        (above, here, below) = (here, below, above);
+    }
+    colors
 }
 
-/// The point of a surface and how it looks there.
-fn seen(at: &NearestSurface, frame: &SolidFrame, bodies: &[Body<'_>]) -> Option<SeenPixel> {
-    let Body { mesh, paint } = bodies[at.body as usize];
-    let corners = mesh.corners(at.triangle as usize);
-    let normal = facet_normal(&corners)?;
-    let [a, b, c] = at.weights;
-    let point = a * corners[0] + b * corners[1] + c * corners[2];
-    Some(SeenPixel {
-        depth: at.depth,
-        normal: frame.view.apply(&paint.normal(&point, &normal)),
-        color: paint.at(&point),
-    })
-}
-
-fn facet_normal(corners: &[Vec3; 3]) -> Option<Vec3> {
-    let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-    normal.try_normalize(1e-30)
-}
-
-/// Whether the surface jumps or folds between a pixel and one of its neighbors.
-fn on_line(band: &Band<SeenPixel>, (x, y): (usize, usize), frame: &SolidFrame) -> bool {
-    let Some(here) = band.at(x, y) else {
+/// Whether the surface jumps or folds between a pixel of the middle row and one of its neighbors.
+fn on_line(rows: [&[Option<SeenPixel>]; 3], x: usize, frame: &SolidFrame) -> bool {
+    let [above, row, below] = rows;
+    let Some(here) = row[x] else {
         return false;
     };
-    [(1, 0), (0, 1), (-1, 0), (0, -1)]
-        .iter()
-        .any(|&(dx, dy): &(isize, isize)| {
-            let (Some(nx), Some(ny)) = (x.checked_add_signed(dx), y.checked_add_signed(dy)) else {
-                return false;
-            };
-            if nx >= band.width || !band.rows.contains(&ny) {
-                return false;
-            }
-            match band.at(nx, ny) {
-                None => true,
-                Some(there) => {
-                    // A jump towards the viewer is drawn on the farther side only.
-                    let steep = 1.0 / here.normal.z.max(0.1);
-                    there.depth - here.depth > (2.0 + 2.0 * steep) / frame.scale + 0.3
-                        || here.normal.dot(&there.normal) < CREASE_COS
-                }
-            }
-        })
+    let parts = |there: &Option<SeenPixel>| match there {
+        None => true,
+        Some(there) => {
+            // A jump towards the viewer is drawn on the farther side only.
+            let steep = 1.0 / here.normal.z.max(0.1);
+            there.depth - here.depth > (2.0 + 2.0 * steep) / frame.scale + 0.3
+                || here.normal.dot(&there.normal) < CREASE_COS
+        }
+    };
+    let left = x.checked_sub(1).and_then(|x| row.get(x));
+    let neighbors = [row.get(x + 1), below.get(x), left, above.get(x)];
+    neighbors.into_iter().flatten().any(parts)
 }
 
-/// A triangle in the picture, which faces the viewer.
-struct Face {
-    body: u32,
-    triangle: u32,
+/// A triangle that faces the viewer.
+struct Face<'a> {
     /// Drawn pixels, and depths, mm.
-    corners: [(f64, f64, f64); 3],
+    placed: [(f64, f64, f64); 3],
     /// Twice its area, square pixels.
     area: f64,
+    /// Where it is, mm.
+    corners: [Vec3; 3],
+    normal: Vec3,
+    paint: &'a SolidPaint,
 }
 
 /// The triangles of a body that face the viewer.
-fn faces(frame: &SolidFrame, bodies: &[Body<'_>], body: usize) -> Vec<Face> {
-    let mesh = bodies[body].mesh;
+fn faces<'a>(frame: &SolidFrame, body: &Body<'a>) -> Vec<Face<'a>> {
+    let Body { mesh, paint } = *body;
     let placed: Vec<_> = mesh.vertices.iter().map(|v| frame.place(v)).collect();
-    let face = |(t, triangle): (usize, &[u32; 3])| {
-        let corners = triangle.map(|v| placed[v as usize]);
+    let face = |triangle: &[u32; 3]| {
+        let placed = triangle.map(|v| placed[v as usize]);
+        let corners = triangle.map(|v| mesh.vertices[v as usize]);
+        let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
         // In pixels y points down: front faces turn clockwise.
-        let area = -cross(corners[0], corners[1], corners[2].0, corners[2].1);
-        (area > 0.0 && facet_normal(&mesh.corners(t)).is_some()).then_some(Face {
-            body: body as u32,
-            triangle: t as u32,
-            corners,
+        let area = -cross(placed[0], placed[1], placed[2].0, placed[2].1);
+        (area > 0.0).then_some(Face {
+            placed,
             area,
+            corners,
+            normal: normal.try_normalize(1e-30)?,
+            paint,
         })
     };
-    mesh.triangles.iter().enumerate().filter_map(face).collect()
+    mesh.triangles.iter().filter_map(face).collect()
 }
 
 fn cross(a: (f64, f64, f64), b: (f64, f64, f64), x: f64, y: f64) -> f64 {
     (b.0 - a.0) * (y - a.1) - (b.1 - a.1) * (x - a.0)
 }
 
-/// Draws one triangle into the band where nothing nearer is.
-fn fill(band: &mut Band<NearestSurface>, face: &Face) {
-    let Face {
-        corners: q, area, ..
-    } = face;
-    let bound =
-        |f: fn(f64, f64) -> f64, i: fn(&(f64, f64, f64)) -> f64| f(f(i(&q[0]), i(&q[1])), i(&q[2]));
-    let columns = [
-        bound(f64::min, |p| p.0).ceil().max(0.0),
-        bound(f64::max, |p| p.0)
+impl Face<'_> {
+    /// The barycentric weights of a drawn pixel.
+    fn weights(&self, x: f64, y: f64) -> [f64; 3] {
+        let q = &self.placed;
+        [
+            -cross(q[1], q[2], x, y) / self.area,
+            -cross(q[2], q[0], x, y) / self.area,
+            -cross(q[0], q[1], x, y) / self.area,
+        ]
+    }
+
+    /// The drawn pixels of a row between which it may lie.
+    fn columns(&self, width: usize, y: f64) -> Option<RangeInclusive<usize>> {
+        let q = &self.placed;
+        let mut first = q[0].0.min(q[1].0).min(q[2].0).ceil().max(0.0);
+        let mut last = q[0]
+            .0
+            .max(q[1].0)
+            .max(q[2].0)
             .floor()
-            .min(band.width as f64 - 1.0),
-    ];
-    let top = bound(f64::min, |p| p.1).ceil().max(0.0) as usize;
-    let bottom = bound(f64::max, |p| p.1).floor().max(0.0) as usize;
-    let edges = [(q[1], q[2]), (q[2], q[0]), (q[0], q[1])];
-    for y in top.max(band.rows.start)..(bottom + 1).min(band.rows.end) {
-        let py = y as f64;
-        // Where the row enters and leaves the triangle, and a pixel more; the weights decide.
-        let [mut first, mut last] = columns;
-        for (a, b) in edges {
-            let (along, rise) = ((b.0 - a.0) * (py - a.1), b.1 - a.1);
-            let met = a.0 + along / rise;
+            .min(width as f64 - 1.0);
+        // Where the row enters and leaves it, and a pixel more.
+        for (a, b) in [(q[1], q[2]), (q[2], q[0]), (q[0], q[1])] {
+            let rise = b.1 - a.1;
+            let met = a.0 + (b.0 - a.0) * (y - a.1) / rise;
             if rise > 0.0 {
                 first = first.max(met.floor() - 1.0);
             } else if rise < 0.0 {
                 last = last.min(met.ceil() + 1.0);
             }
         }
-        if !(first <= last) {
-            continue;
+        (first <= last).then_some(first as usize..=last as usize)
+    }
+}
+
+/// Some rows of a picture.
+struct Band {
+    width: usize,
+    rows: Range<usize>,
+    pixels: Vec<NearestSurface>,
+}
+
+impl Band {
+    fn new(width: usize, rows: Range<usize>) -> Self {
+        let nothing = NearestSurface {
+            depth: f64::NEG_INFINITY,
+            face: None,
+        };
+        Self {
+            width,
+            pixels: vec![nothing; width * rows.len()],
+            rows,
         }
-        let (first, last) = (first as usize, last as usize);
-        let row = &mut band.row(y)[first..=last];
-        for (slot, x) in row.iter_mut().zip(first..) {
-            let px = x as f64;
-            let weights = edges.map(|(a, b)| -cross(a, b, px, py) / area);
-            if weights.iter().any(|&w| w < 0.0) {
+    }
+
+    /// Draws a triangle where nothing nearer is.
+    fn fill(&mut self, face: &Face<'_>, number: Option<NonZeroU32>) {
+        let q = &face.placed;
+        let top = q[0].1.min(q[1].1).min(q[2].1).ceil().max(0.0) as usize;
+        let bottom = q[0].1.max(q[1].1).max(q[2].1).floor().max(0.0) as usize;
+        for y in top.max(self.rows.start)..(bottom + 1).min(self.rows.end) {
+            let Some(columns) = face.columns(self.width, y as f64) else {
                 continue;
-            }
-            let depth = weights[0] * q[0].2 + weights[1] * q[1].2 + weights[2] * q[2].2;
-            if slot.is_none_or(|p| depth > p.depth) {
-                *slot = Some(NearestSurface {
-                    depth,
-                    body: face.body,
-                    triangle: face.triangle,
-                    weights,
-                });
+            };
+            let start = (y - self.rows.start) * self.width;
+            for x in columns {
+                let weights = face.weights(x as f64, y as f64);
+                if weights.iter().any(|&w| w < 0.0) {
+                    continue;
+                }
+                let depth = weights[0] * q[0].2 + weights[1] * q[1].2 + weights[2] * q[2].2;
+                let nearest = &mut self.pixels[start + x];
+                if depth > nearest.depth {
+                    (nearest.depth, nearest.face) = (depth, number);
+                }
             }
         }
+    }
+
+    /// What is seen in the pixels of a row; of one beyond these rows, none.
+    fn look(
+        &self,
+        frame: &SolidFrame,
+        faces: &[Face<'_>],
+        y: usize,
+        seen: &mut Vec<Option<SeenPixel>>,
+    ) {
+        seen.clear();
+        if !self.rows.contains(&y) {
+            return;
+        }
+        let start = (y - self.rows.start) * self.width;
+        let row = self.pixels[start..start + self.width].iter().enumerate();
+        seen.extend(row.map(|(x, nearest)| {
+            let face = &faces[nearest.face?.get() as usize - 1];
+            let [a, b, c] = face.weights(x as f64, y as f64);
+            let point = a * face.corners[0] + b * face.corners[1] + c * face.corners[2];
+            let (normal, color) = face.paint.look(&point, &face.normal);
+            Some(SeenPixel {
+                depth: nearest.depth,
+                normal: frame.view.apply(&normal),
+                color,
+            })
+        }));
     }
 }

@@ -83,7 +83,7 @@ const DRAWING: &[(&str, &str)] = &[
     ),
     (
         "plot",
-        "calibrate files geometry image pattern stencil vision",
+        "calibrate concurrency files geometry image pattern stencil vision",
     ),
     ("dataset", "clip files geometry plot spin vision"),
     (

@@ -77,6 +77,7 @@ pub(crate) struct RotationSearch {
 #[derive(Debug, Clone)]
 struct CellTable {
     inverse_distance: f64,
+    min_depth: f64,
     /// Where the cells of each rotation end.
     ends: Vec<u32>,
     cells: Vec<u16>,
@@ -102,11 +103,18 @@ impl Default for SearchWorkspace {
 }
 
 impl RotationSearch {
-    /// For a pattern's dots (unit vectors, pattern frame). Takes some 50 ms and 2 bytes for each rotation and visible dot.
+    /// For a pattern's dots (unit vectors, pattern frame). Takes some 30 ms and 2 bytes for each rotation and visible dot.
     pub fn new(dots: &[Vec3]) -> Self {
-        Self {
-            tables: INVERSE_DISTANCES.map(|k| CellTable::new(dots, k)),
+        let mut tables = INVERSE_DISTANCES.map(|k| CellTable::with_room(dots.len(), k));
+        for k in 0..ROTATIONS {
+            let turn = rotation(k).to_rotation_matrix();
+            for dot in dots {
+                let seen = turn * dot;
+                tables.iter_mut().for_each(|table| table.see(&seen));
+            }
+            tables.iter_mut().for_each(CellTable::end);
         }
+        Self { tables }
     }
 
     /// Fits the best rotations by the workspace's terms and those `proposed`, for a camera whose distance is known or one that may stand
@@ -164,27 +172,28 @@ impl RotationSearch {
 }
 
 impl CellTable {
-    fn new(dots: &[Vec3], inverse_distance: f64) -> Self {
-        let mut ends = Vec::with_capacity(ROTATIONS);
-        let mut cells = Vec::with_capacity(ROTATIONS * dots.len() / 2);
-        let depth = min_depth(inverse_distance);
-        for k in 0..ROTATIONS {
-            let turn = rotation(k).to_rotation_matrix();
-            for dot in dots {
-                let seen = turn * dot;
-                if seen.z > depth {
-                    let at = cell(on_plane(&seen, inverse_distance));
-                    let [column, row] = at.map(|x| (x.round().max(0.0) as usize).min(CELLS - 1));
-                    cells.push((row * CELLS + column) as u16);
-                }
-            }
-            ends.push(cells.len() as u32);
-        }
+    fn with_room(dots: usize, inverse_distance: f64) -> Self {
         Self {
             inverse_distance,
-            ends,
-            cells,
+            min_depth: min_depth(inverse_distance),
+            ends: Vec::with_capacity(ROTATIONS),
+            cells: Vec::with_capacity(ROTATIONS * dots / 2),
         }
+    }
+
+    /// Adds the cell of a dot (view frame) to the rotation in hand, where it is visible.
+    fn see(&mut self, dot: &Vec3) {
+        if dot.z > self.min_depth {
+            let at = cell(on_plane(dot, self.inverse_distance));
+            // What is cut off makes it the nearest.
+            let [column, row] = at.map(|x| ((x + 0.5).max(0.0) as usize).min(CELLS - 1));
+            self.cells.push((row * CELLS + column) as u16);
+        }
+    }
+
+    /// The rotation in hand is whole.
+    fn end(&mut self) {
+        self.ends.push(self.cells.len() as u32);
     }
 
     fn score_into(&self, terms: &Terms, scores: &mut Vec<(f32, u32)>) {

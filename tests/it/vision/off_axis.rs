@@ -105,7 +105,7 @@ impl Cast {
             let shown = distorted(self.distortion, at);
             let off = [seen[0] - shown[0], seen[1] - shown[1]];
             at = [at[0] + off[0], at[1] + off[1]];
-            if off[0].hypot(off[1]) < 1e-14 {
+            if off[0].abs() + off[1].abs() < 1e-14 {
                 break;
             }
         }
@@ -116,10 +116,10 @@ impl Cast {
         let lit = |normal: &Vec3| 0.5 + 0.5 * normal.dot(&lamp).max(0.0);
         if inside < 0.0 {
             let rim = (ray * along - self.center).normalize();
-            let around = rim.y.atan2(rim.x);
+            let stripes = || (7.0 * rim.y.atan2(rim.x)).sin();
             return match behind {
                 Behind::Dark => 0.08,
-                Behind::Alike => 0.75 * lit(&rim) * (1.0 + STRIPES * (7.0 * around).sin()),
+                Behind::Alike => 0.75 * lit(&rim) * (1.0 + STRIPES * stripes()),
             };
         }
         let normal = ray * (along - inside.sqrt()) - self.center;
