@@ -11,6 +11,7 @@ use super::views::DesignViews;
 use crate::error::{Error, Result, require};
 use crate::pattern::{MAX_DOTS, MIN_DOTS};
 use crate::recognize::RecognizerName;
+use crate::validate::check_samples;
 use crate::view::Protocol;
 
 /// Configuration of a design search.
@@ -106,10 +107,10 @@ impl DesignConfig {
             ("rounds", self.rounds as u64),
             ("scout_steps", self.scout_steps),
             ("climb_steps", self.climb_steps),
-            ("samples", self.samples),
         ] {
             require(value > 0, name, "at least 1", value)?;
         }
+        check_samples(self.samples)?;
         for (name, weight) in [
             ("bound_weight", self.bound_weight),
             ("basis_weight", self.basis_weight),

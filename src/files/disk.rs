@@ -41,6 +41,22 @@ pub fn create_writable_dir(dir: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Checks that `dir` can be made and written to, and leaves nothing of it.
+///
+/// # Errors
+/// As [`create_writable_dir`].
+#[cfg(feature = "cli")]
+pub(crate) fn check_writable_dir(dir: &Path) -> Result<()> {
+    let absent = |d: &&Path| !d.as_os_str().is_empty() && !d.exists();
+    let made: Vec<&Path> = dir.ancestors().take_while(absent).collect();
+    let checked = create_writable_dir(dir);
+    for dir in made {
+        // What another run has put there meanwhile stays.
+        let _ = fs::remove_dir(dir);
+    }
+    checked
+}
+
 /// Rejects a folder that already holds `what`, as one of `files` shows: two must not mix in one.
 /// `advice` ends the message.
 ///

@@ -11,6 +11,8 @@ mod disk;
 pub use aside::Replacement;
 #[cfg(feature = "cli")]
 pub(crate) use aside::remove_all_asides;
+#[cfg(feature = "cli")]
+pub(crate) use disk::check_writable_dir;
 #[cfg(feature = "native")]
 pub(crate) use disk::reject_taken;
 #[cfg(feature = "native")]

@@ -16,12 +16,14 @@ use super::axis::Axis;
 use super::backend::{Backend, svg_file};
 use crate::error::{Error, Result};
 use crate::files;
-use crate::stencil::bold_font;
+use crate::stencil::BOLD_FONT;
 
 /// Drawn pixels per pixel of the file, along either axis.
 pub(super) const SCALE: u32 = 2;
 /// The name under which the built-in font is registered.
 pub(super) const FONT: &str = "spindoe-sans";
+/// The built-in font, so that a machine without fonts draws the same.
+static REGULAR_FONT: &[u8] = include_bytes!("../fonts/DejaVuSans.ttf");
 /// Fonts that an SVG names, like the built-in one first.
 const SVG_FONTS: &str = "DejaVu Sans, Verdana, sans-serif";
 /// Size of a title, in file pixels.
@@ -69,9 +71,9 @@ fn register_font() -> Result<()> {
     static REGISTERED: OnceLock<bool> = OnceLock::new();
     let registered = *REGISTERED.get_or_init(|| {
         [
-            (FontStyle::Normal, dejavu::sans::regular()),
-            // The cut that engraves the stencil's numbers, too: a third one would add 350 kB to the wheel.
-            (FontStyle::Bold, bold_font()),
+            (FontStyle::Normal, REGULAR_FONT),
+            // The cut that engraves the stencil's numbers, too.
+            (FontStyle::Bold, BOLD_FONT),
         ]
         .into_iter()
         .all(|(style, bytes)| plotters::style::register_font(FONT, style, bytes).is_ok())

@@ -22,11 +22,8 @@ pub(super) struct Words {
     pub half_height: f64,
 }
 
-/// The font that engraves, and draws bold words. Inlined it would be in the program once for each use, 665 kB a copy.
-#[inline(never)]
-pub(crate) fn bold_font() -> &'static [u8] {
-    dejavu::sans_condensed::bold()
-}
+/// The font that engraves, and draws bold words.
+pub(crate) static BOLD_FONT: &[u8] = include_bytes!("../fonts/DejaVuSansCondensed-Bold.ttf");
 
 impl Words {
     /// Sets `text` with capitals and digits `height` high.
@@ -35,7 +32,7 @@ impl Words {
     /// [`Error::Internal`] where the built-in font lacks a character.
     pub fn new(text: &str, height: f64) -> Result<Self> {
         let internal = |what: &str| Error::Internal(format!("built-in font: {what}"));
-        let face = Face::parse(bold_font(), 0).map_err(|e| internal(&e.to_string()))?;
+        let face = Face::parse(BOLD_FONT, 0).map_err(|e| internal(&e.to_string()))?;
         let capital = face
             .glyph_index('H')
             .and_then(|glyph| face.glyph_bounding_box(glyph))

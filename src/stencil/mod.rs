@@ -62,7 +62,7 @@ pub use bed::{Bed, COMMON_BEDS};
 pub use config::{Closure, StencilConfig};
 pub use export::{piece_files, stl_bytes};
 #[cfg(feature = "plot")]
-pub(crate) use glyphs::bold_font;
+pub(crate) use glyphs::BOLD_FONT;
 pub use joint::Joint;
 pub use marks::{DotNumber, Label};
 pub use mesh::{BoundingBox, Mesh, MeshCheck};

@@ -575,3 +575,75 @@ fn the_surface_of_a_ball_shows_its_marks_and_what_no_frame_shows() {
     };
     assert!((other - 60..other + 60).any(is_orange));
 }
+
+/// A glyph's outline, in the font's units, and what leads to the next.
+#[derive(Debug, Default, PartialEq)]
+struct Outlined(Vec<(char, [f32; 6])>, Option<u16>);
+
+impl ttf_parser::OutlineBuilder for Outlined {
+    fn move_to(&mut self, x: f32, y: f32) {
+        self.0.push(('M', [x, y, 0.0, 0.0, 0.0, 0.0]));
+    }
+    fn line_to(&mut self, x: f32, y: f32) {
+        self.0.push(('L', [x, y, 0.0, 0.0, 0.0, 0.0]));
+    }
+    fn quad_to(&mut self, x1: f32, y1: f32, x: f32, y: f32) {
+        self.0.push(('Q', [x1, y1, x, y, 0.0, 0.0]));
+    }
+    fn curve_to(&mut self, x1: f32, y1: f32, x2: f32, y2: f32, x: f32, y: f32) {
+        self.0.push(('C', [x1, y1, x2, y2, x, y]));
+    }
+    fn close(&mut self) {
+        self.0.push(('Z', [0.0; 6]));
+    }
+}
+
+#[test]
+fn the_fonts_are_parts_of_the_whole_ones() {
+    let outlined = |face: &ttf_parser::Face<'_>, c: char| {
+        let glyph = face.glyph_index(c)?;
+        let mut outlined = Outlined::default();
+        face.outline_glyph(glyph, &mut outlined);
+        outlined.1 = face.glyph_hor_advance(glyph);
+        Some(outlined)
+    };
+    let kerned = |face: &ttf_parser::Face<'_>, [a, b]: [char; 2]| {
+        let [a, b] = [a, b].map(|c| face.glyph_index(c));
+        let tables = face.tables().kern.into_iter();
+        let mut kerns = tables.flat_map(|kern| kern.subtables.into_iter());
+        kerns.find_map(|kern| kern.glyphs_kerning(a?, b?))
+    };
+    for (name, whole) in [
+        ("DejaVuSans", dejavu::sans::regular()),
+        ("DejaVuSansCondensed-Bold", dejavu::sans_condensed::bold()),
+    ] {
+        let path = format!("{}/src/fonts/{name}.ttf", env!("CARGO_MANIFEST_DIR"));
+        let bytes = std::fs::read(path).unwrap();
+        let [part, whole] = [&bytes, whole].map(|b| ttf_parser::Face::parse(b, 0).unwrap());
+        assert_eq!(part.units_per_em(), whole.units_per_em());
+        let heights = |f: &ttf_parser::Face<'_>| [f.ascender(), f.descender(), f.line_gap()];
+        assert_eq!(heights(&part), heights(&whole));
+        let all = (' '..='\u{ffff}').filter(|c| outlined(&part, *c).is_some());
+        let all: Vec<char> = all.collect();
+        assert!(all.len() > 2000, "{}", all.len());
+        for &c in &all {
+            assert_eq!(outlined(&part, c), outlined(&whole, c), "{name}: {c}");
+        }
+        // What the project's own words and people's names are written with.
+        let written = (' '..='~').chain("µ°±²³σκ×–—…≤≥√äßçéøőșŽλЖиԱა€→".chars());
+        for c in written {
+            assert!(all.contains(&c), "{name}: {c}");
+        }
+        let pairs = (' '..='~').flat_map(|a| (' '..='~').map(move |b| [a, b]));
+        let mut moved = 0;
+        for pair in pairs {
+            assert_eq!(
+                kerned(&part, pair),
+                kerned(&whole, pair),
+                "{name}: {pair:?}"
+            );
+            moved += usize::from(kerned(&part, pair).is_some_and(|k| k != 0));
+        }
+        assert!(moved > 50, "{name}: {moved}");
+    }
+}

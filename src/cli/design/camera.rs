@@ -125,10 +125,6 @@ pub(super) fn settled(arguments: &Arguments) -> Result<SettledView> {
         let problem = "must be given here: with --camera alone it would be chosen anew";
         return Err(Error::argument("dots", problem));
     }
-    if let (Some(dir), false) = (&arguments.output, arguments.resume) {
-        // Before minutes of work for a folder that is taken.
-        DesignJob::new(dir).reject_taken()?;
-    }
     let trials = CameraTrials::new(camera.conditions()?, arguments.seed ^ CHOICE);
     let mut forecast = Forecast::new(seconds_a_frame(&trials)?);
     if !is_given {

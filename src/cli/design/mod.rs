@@ -14,6 +14,7 @@ use super::output::{degrees_or_dash, quoted};
 use super::print_json;
 use crate::design::Shard;
 use crate::error::Result;
+use crate::files;
 use crate::recognize::RecognizerName;
 use crate::report::{CHECKPOINT, DesignEvaluation, DesignJob, DesignReport, JobStart};
 use crate::validate::NamedValidation;
@@ -36,6 +37,11 @@ const FOLDER: &str = "spindoe-design";
 
 pub fn run(arguments: &Arguments) -> Result<()> {
     let clock = Instant::now();
+    if let (Some(dir), false) = (&arguments.output, arguments.resume) {
+        // Before thousands of trials, or minutes of frames, for a folder that is taken or cannot be.
+        DesignJob::new(dir).reject_taken()?;
+        files::check_writable_dir(dir)?;
+    }
     #[cfg(feature = "vision")]
     let settled = camera::settled(arguments)?;
     #[cfg(feature = "vision")]
