@@ -158,6 +158,8 @@ pub(crate) struct Spending {
     pub budget: Budget,
     /// Runs of the recognizer, those before included.
     pub runs: usize,
+    /// Whether an outline had its turn, where dots are to be found alone.
+    pub has_detected: bool,
     pub timings: Timings,
 }
 
@@ -171,6 +173,7 @@ impl Spending {
     pub fn of(budget: Budget) -> Self {
         Self {
             runs: budget.spent,
+            has_detected: false,
             budget,
             timings: Timings::default(),
         }
@@ -178,7 +181,11 @@ impl Spending {
 
     /// Whether nothing further is to be begun.
     pub fn is_over(&self) -> bool {
-        self.runs - self.budget.spent >= self.budget.runs.max(1) || self.is_late()
+        let is_spent = match self.is_detecting() {
+            true => self.has_detected,
+            false => self.runs - self.budget.spent >= self.budget.runs,
+        };
+        is_spent || self.is_late()
     }
 
     /// Whether dots are to be found alone.

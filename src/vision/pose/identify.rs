@@ -143,8 +143,7 @@ impl Estimator {
             return;
         };
         if ws.spending.is_detecting() {
-            // The outline has had its turn.
-            ws.spending.runs += 1;
+            ws.spending.has_detected = true;
             return;
         }
         let begun = Instant::now();

@@ -14,8 +14,8 @@ use spindoe::source::FrameSource;
 use spindoe::source::files::{natural_order, time_of_stem};
 use spindoe::spin::orientations::Orientations;
 use spindoe::vision::{
-    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, Intrinsics, Prior,
-    find_ball,
+    Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection,
+    Intrinsics, Prior, find_ball,
 };
 
 fn estimator(pattern: &Pattern, camera: Camera) -> Estimator {
@@ -25,6 +25,39 @@ fn estimator(pattern: &Pattern, camera: Camera) -> Estimator {
     };
     Estimator::new(pattern, config, DetectorName::Cnn.build().expect("weights"))
         .expect("valid settings")
+}
+
+#[test]
+fn without_a_run_dots_are_found_and_named_by_none() {
+    let pattern = crate::common::random_pattern(20, 5);
+    let estimator = estimator(&pattern, Camera::Orthographic);
+    let mut ws = estimator.workspace();
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let alone = Budget {
+        runs: 0,
+        ..Budget::default()
+    };
+    let (mut found, mut whole) = (FrameEstimate::default(), FrameEstimate::default());
+    for _ in 0..4 {
+        let scene = Scene::new(66, 30.0, pattern.dots(), random_rotation(&mut rng));
+        let image = scene.render(&mut rng);
+        estimator.estimate(&image, &Prior::default(), &alone, &mut ws, &mut found);
+        assert_eq!(found.outcome, Err(FrameRejection::NotProcessed));
+        assert!(found.dots.len() >= 5 && found.attempts() == 0, "{found:?}");
+        assert!(found.assignment.iter().all(Option::is_none));
+        let prior = Prior::default();
+        estimator.estimate(&image, &prior, &Budget::default(), &mut ws, &mut whole);
+        let [a, b] = [&found, &whole].map(|f| f.outline.unwrap().circle);
+        assert!((a.center.u - b.center.u).hypot(a.center.v - b.center.v) < 1.0);
+        // They are the dots by which the frame is answered.
+        estimator.identify_detections(&mut ws, &mut found);
+        let [by_dots, by_all] = [&found, &whole].map(|f| f.pose().unwrap().rotation);
+        assert!(by_dots.angle_to(&by_all).to_degrees() < 3.0);
+    }
+    let empty = GrayImage::from_fn(66, 66, |_, _| 0.2);
+    estimator.estimate(&empty, &Prior::default(), &alone, &mut ws, &mut found);
+    let is_without = matches!(found.outcome, Err(FrameRejection::NoBall(_)));
+    assert!(is_without && found.outline.is_none(), "{found:?}");
 }
 
 /// Right, wrong and refused of `trials` drawn balls, and the median error of the right, degrees.
