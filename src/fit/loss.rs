@@ -55,14 +55,22 @@ pub(crate) fn biweight(over_reach: f64) -> f64 {
 /// The standard deviation of normal residuals by the median of their sizes, each counted by its weight: `[size, weight]`. 0 for none. Reorders
 /// its input.
 pub(crate) fn weighted_sigma(sizes: &mut [[f64; 2]]) -> f64 {
-    sizes.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
-    let half = 0.5 * sizes.iter().map(|s| s[1]).sum::<f64>();
-    let mut below = 0.0;
-    let middle = sizes.iter().find(|[_, weight]| {
-        below += weight;
-        below >= half
-    });
-    SIGMA_PER_MAD * middle.map_or(0.0, |m| m[0])
+    let sum = |sizes: &[[f64; 2]]| sizes.iter().map(|s| s[1]).sum::<f64>();
+    let half = 0.5 * sum(sizes);
+    let (mut below, mut rest) = (0.0, sizes);
+    // The half in which the median lies is looked through further.
+    while rest.len() > 1 {
+        let middle = rest.len() / 2;
+        rest.select_nth_unstable_by(middle, |a, b| a[0].total_cmp(&b[0]));
+        let (small, large) = std::mem::take(&mut rest).split_at_mut(middle);
+        let with_small = below + sum(small);
+        if with_small >= half {
+            rest = small;
+        } else {
+            (below, rest) = (with_small, large);
+        }
+    }
+    SIGMA_PER_MAD * rest.first().map_or(0.0, |m| m[0])
 }
 
 #[cfg(test)]

@@ -5,9 +5,7 @@
 
 use super::face::Face;
 use super::surface_map::{PlaceGrid, SurfaceMap};
-use crate::geometry::{
-    Rotation, Vec3, rotation_angle, spiral_directions, spread_rotation, tangent_frame,
-};
+use crate::geometry::{Rotation, Vec3, spiral_directions, spread_rotation, tangent_frame};
 
 /// Rotations tried: neighbors are some 11 degrees apart.
 const ROTATIONS: usize = 12_000;
@@ -21,6 +19,8 @@ const CUBE: usize = 24;
 /// The best of the rotations are climbed from, as far as none is beside a better one, radians.
 const CLIMBED: usize = 24;
 const BESIDE: f64 = 0.2;
+/// So many of the best are put in order at a time.
+const ORDERED: usize = 400;
 /// First and last step of the climb, radians.
 const STEPS: [f64; 2] = [0.08, 0.02];
 
@@ -108,24 +108,28 @@ impl Search {
         let seen = self.face_cells(face);
         let met = self.met.chunks_exact(self.cells.len());
         let tried = self.rotations.iter().zip(met).filter(|(r, _)| match near {
-            Some((about, within)) => rotation_angle(about, r) < within,
+            Some((about, within)) => are_near(about, r, within),
             None => true,
         });
-        let mut scored: Vec<(Rotation, f64)> = tried
-            .map(|(r, met)| (*r, correlation(surface, &seen, |k| usize::from(met[k]))))
+        let mut scored: Vec<(f64, &Rotation)> = tried
+            .map(|(r, met)| (correlation(surface, &seen, |k| usize::from(met[k])), r))
             .collect();
-        scored.sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
-        let mut best: Vec<(Rotation, f64)> = Vec::new();
-        for (rotation, score) in scored {
-            if best.len() == CLIMBED {
-                break;
+        let mut best: Vec<(Rotation, f64)> = Vec::with_capacity(CLIMBED);
+        // The best are among the first few: the others need no order.
+        let mut rest = scored.as_mut_slice();
+        while best.len() < CLIMBED && !rest.is_empty() {
+            let first = ORDERED.min(rest.len());
+            if first < rest.len() {
+                rest.select_nth_unstable_by(first, |a, b| b.0.total_cmp(&a.0));
             }
-            if best
-                .iter()
-                .all(|b| rotation_angle(&b.0, &rotation) > BESIDE)
-            {
-                best.push((rotation, score));
+            let (ordered, others) = rest.split_at_mut(first);
+            ordered.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+            for (score, rotation) in ordered.iter() {
+                if best.len() < CLIMBED && best.iter().all(|b| !are_near(&b.0, rotation, BESIDE)) {
+                    best.push((**rotation, *score));
+                }
             }
+            rest = others;
         }
         for (rotation, score) in &mut best {
             self.climb(surface, &seen, rotation, score);
@@ -133,10 +137,7 @@ impl Search {
         best.sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
         let mut apart: Vec<(Rotation, f64)> = Vec::new();
         for found in best {
-            if apart
-                .iter()
-                .all(|b| rotation_angle(&b.0, &found.0) > BESIDE)
-            {
+            if apart.iter().all(|b| !are_near(&b.0, &found.0, BESIDE)) {
                 apart.push(found);
             }
         }
@@ -190,6 +191,11 @@ impl Search {
             }
         }
     }
+}
+
+/// Whether two rotations differ by less than so many radians.
+fn are_near(one: &Rotation, other: &Rotation, within: f64) -> bool {
+    one.coords.dot(&other.coords).abs() > (0.5 * within).cos()
 }
 
 /// The correlation, about 0, of a face with the surface at the cells of the cube that its cells meet: places that are not known take from it.
