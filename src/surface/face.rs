@@ -81,8 +81,8 @@ impl FaceSamples {
     /// By the brightness at pixels of an image, under whose `view` the ball's radius is so many known pixels.
     pub fn take(sample: impl Fn(Pixel) -> f32, radius: f64, view: &BallView) -> Self {
         let side = (2.0 * radius).clamp(SIDE[0], SIDE[1]).round() as usize;
-        // A value of a large ball is the mean of so many rays squared.
-        let fine = (2.0 * radius / side as f64).ceil().max(1.0) as usize;
+        // A value of a large ball is the mean of so many rays squared, some 1 pixel apart.
+        let fine = (2.0 * radius / side as f64).round().max(1.0) as usize;
         let horizon = view.horizon();
         let along = |ray: usize| {
             let at = (ray / fine) as f64 + ((ray % fine) as f64 + 0.5) / fine as f64;
@@ -219,7 +219,6 @@ struct Between {
 }
 
 impl Between {
-    #[inline]
     fn new(x: f64, side: usize) -> Self {
         let last = (side - 1) as f64;
         let at = (0.5 * side as f64 * (x + 1.0) - 0.5).clamp(0.0, last);
@@ -235,14 +234,22 @@ impl Between {
 /// The value at x and y of a square of `side` values a row over -1 to 1.
 #[inline]
 fn bilinear<T: Copy + Into<f32>>(values: &[T], side: usize, x: f64, y: f64) -> f64 {
-    let (column, row) = (Between::new(x, side), Between::new(-y, side));
-    let value = |i: usize, j: usize| -> f32 { values[j * side + i].into() };
-    let on = |j: usize| {
-        let left = value(column.first, j);
-        left + column.part * (value(column.second, j) - left)
+    // Just before the last value: the next one is always there.
+    let (half, last) = (0.5 * side as f32, side as f32 - 1.001);
+    let place = |x: f64| (half * (x as f32 + 1.0) - 0.5).clamp(0.0, last);
+    let (u, v) = (place(x), place(-y));
+    let (i, j) = (u as i32, v as i32);
+    let (a, b) = (u - i as f32, v - j as f32);
+    let on_row = |first: usize| match values.get(first..first + 2) {
+        Some(&[left, right]) => {
+            let (left, right): (f32, f32) = (left.into(), right.into());
+            left + a * (right - left)
+        }
+        _ => 0.0,
     };
-    let above = on(row.first);
-    f64::from(above + row.part * (on(row.second) - above))
+    let first = j as usize * side + i as usize;
+    let (above, below) = (on_row(first), on_row(first + side));
+    f64::from(above + b * (below - above))
 }
 
 impl Face {
