@@ -26,6 +26,7 @@ use crate::geometry::{Rotation, Vec3};
 const DAMPING: f64 = 0.2;
 
 /// A visible place of a frame.
+#[derive(Debug, Clone, Copy, Default)]
 struct PixelRow {
     place: u32,
     frame: u32,
@@ -89,10 +90,15 @@ fn rows(
         let (face, laid, moved) = (clip.faces[k].as_ref()?, laid[k].as_ref()?, clip.moved(k)?);
         let turn = laid.rotation.to_rotation_matrix();
         let back = turn.inverse();
+        let towards = back * Vec3::z();
+        let least = face.least_z(ALIGNED) - 1e-9;
         let mut rows = Vec::new();
         let mut sizes = Vec::new();
         for &place in &surface.steep {
             let direction = &grid.directions[place as usize];
+            if direction.dot(&towards) < least {
+                continue;
+            }
             let at = turn * direction;
             let depth = face.depth(&at);
             if depth < ALIGNED {
@@ -119,12 +125,26 @@ fn rows(
         Some(rows)
     };
     let found = concurrency::map(&numbers, of_frame);
-    let mut rows: Vec<PixelRow> = found.into_iter().flatten().flatten().collect();
-    rows.sort_by_key(|r| r.place);
-    rows
+    by_places(found.into_iter().flatten().flatten().collect())
 }
 
-/// The normal equations: three unknowns a frame, then what the views share.
+/// Rows in the order of their places, and of the frames where these are one.
+fn by_places(rows: Vec<PixelRow>) -> Vec<PixelRow> {
+    let mut next = vec![0; PLACES + 1];
+    rows.iter().for_each(|r| next[r.place as usize + 1] += 1);
+    for place in 0..PLACES {
+        next[place + 1] += next[place];
+    }
+    let mut ordered = vec![PixelRow::default(); rows.len()];
+    for row in rows {
+        let at = &mut next[row.place as usize];
+        ordered[*at] = row;
+        *at += 1;
+    }
+    ordered
+}
+
+/// The normal equations, the lower triangle: three unknowns a frame, then what the views share.
 struct BundleEquations {
     matrix: DMatrix<f64>,
     vector: DVector<f64>,
@@ -148,14 +168,15 @@ impl BundleEquations {
         let by = |all: Vector4<f64>, r: &PixelRow| all + r.by * r.weight;
         let mean_by = rows.iter().fold(Vector4::zeros(), by) / sum;
         let square = turn * turn.transpose();
-        for row in rows {
+        for (k, row) in rows.iter().enumerate() {
             let centered = PixelRow {
                 residual: row.residual - mean,
                 by: row.by - mean_by,
                 ..*row
             };
             self.add_row(&centered, turn);
-            for other in rows {
+            // Of the matrix the lower triangle: the rows of a place are in the order of the frames.
+            for other in &rows[..=k] {
                 let at = (3 * row.frame as usize, 3 * other.frame as usize);
                 let mut block = self.matrix.fixed_view_mut::<3, 3>(at.0, at.1);
                 block -= square * (row.weight * other.weight / sum);
@@ -169,8 +190,6 @@ impl BundleEquations {
         let matrix = &mut self.matrix;
         let mut part = matrix.fixed_view_mut::<3, 3>(own, own);
         part.ger(weight, turn, turn, 1.0);
-        let mut part = matrix.fixed_view_mut::<3, 4>(own, shared);
-        part.ger(weight, turn, by, 1.0);
         let mut part = matrix.fixed_view_mut::<4, 3>(shared, own);
         part.ger(weight, by, turn, 1.0);
         let mut part = matrix.fixed_view_mut::<4, 4>(shared, shared);

@@ -1,6 +1,6 @@
 //! The frames of a clip under one camera, and what their views share.
 
-use nalgebra::Vector4;
+use nalgebra::{Vector2, Vector4};
 
 use super::face::{Face, FaceMaker};
 use super::frame::PaintedFrame;
@@ -197,12 +197,14 @@ pub(crate) struct Moved {
 }
 
 impl Moved {
-    /// By how much a direction of the view frame is read elsewhere, over each shared unknown; `None` beyond the ball.
+    /// By how much a direction of the view frame is read elsewhere, over each shared unknown; `None` at the limb.
     pub fn by(&self, direction: &Vec3) -> Option<[Vec3; 4]> {
-        let mut by = [Vec3::zeros(); 4];
-        for (by, other) in by.iter_mut().zip(&self.others) {
-            *by = (self.own.direction(other.project(direction))? - direction) / STEP;
-        }
-        Some(by)
+        let at = self.own.project(direction);
+        let by_pixel = self.own.by_pixel(direction)?;
+        let by = |other: &BallView| {
+            let moved = other.project(direction);
+            by_pixel * (Vector2::new(moved.u - at.u, moved.v - at.v) / STEP)
+        };
+        Some(self.others.each_ref().map(by))
     }
 }

@@ -81,27 +81,37 @@ impl FaceSamples {
     /// By the brightness at pixels of an image, under whose `view` the ball's radius is so many known pixels.
     pub fn take(sample: impl Fn(Pixel) -> f32, radius: f64, view: &BallView) -> Self {
         let side = (2.0 * radius).clamp(SIDE[0], SIDE[1]).round() as usize;
-        // A value of a large ball is the mean of so many rays squared.
-        let fine = (2.0 * radius / side as f64).ceil().max(1.0) as usize;
+        // A value of a large ball is the mean of so many rays squared, some 1 pixel apart.
+        let fine = (2.0 * radius / side as f64).round().max(1.0) as usize;
         let horizon = view.horizon();
+        let along = |ray: usize| {
+            let at = (ray / fine) as f64 + ((ray % fine) as f64 + 0.5) / fine as f64;
+            2.0 * at / side as f64 - 1.0
+        };
+        let places: Vec<f64> = (0..side * fine).map(along).collect();
+        let (left, right) = places.split_at(places.len() / 2);
         let mut values = Vec::with_capacity(side * side);
-        for row in 0..side {
-            for column in 0..side {
-                let (mut sum, mut count) = (0.0, 0);
-                for ray in 0..fine * fine {
-                    let along = |cell: usize, part: usize| {
-                        let at = cell as f64 + (part as f64 + 0.5) / fine as f64;
-                        2.0 * at / side as f64 - 1.0
-                    };
-                    let (x, y) = (along(column, ray % fine), -along(row, ray / fine));
-                    let square = 1.0 - x * x - y * y;
-                    if square > horizon * horizon {
-                        sum += sample(view.project(&Vec3::new(x, y, square.sqrt())));
-                        count += 1;
-                    }
+        let mut sums = vec![(0.0f32, 0u32); side];
+        let mut seen = [const { Vec::new() }; 2];
+        for rows in places.chunks_exact(fine) {
+            sums.fill((0.0, 0));
+            for y in rows.iter().map(|along| -along) {
+                let in_sight = |x: &f64| 1.0 - x * x - y * y > horizon * horizon;
+                let from = left.partition_point(|x| !in_sight(x));
+                let to = left.len() + right.partition_point(in_sight);
+                let row = &places[from..to];
+                view.project_row(y, row, &mut seen);
+                for (ray, (u, v)) in (from..).zip(seen[0].iter().zip(&seen[1])) {
+                    let (sum, count) = &mut sums[ray / fine];
+                    *sum += sample(Pixel { u: *u, v: *v });
+                    *count += 1;
                 }
-                values.push(if count > 0 { sum / count as f32 } else { 0.0 });
             }
+            let mean = |&(sum, count): &(f32, u32)| match count {
+                0 => 0.0,
+                count => sum / count as f32,
+            };
+            values.extend(sums.iter().map(mean));
         }
         Self {
             values,
@@ -112,7 +122,10 @@ impl FaceSamples {
 
     /// The face of these values. `center_sigma` is the standard deviation of the outline's center over the radius.
     pub fn to_face(&self, center_sigma: f64) -> Face {
-        let step = |value: &f32| (f64::from(*value) / STEP).round().clamp(-127.0, 127.0) as i8;
+        let step = |value: &f32| {
+            let steps = f64::from(*value) / STEP;
+            (steps + 0.5f64.copysign(steps)).clamp(-127.0, 127.0) as i8
+        };
         Face {
             values: self.values.iter().map(step).collect(),
             side: self.side,
@@ -145,36 +158,36 @@ impl FaceMaker {
             horizon,
         } = samples;
         let (side, horizon) = (*side, *horizon);
-        let in_sight = |p: &&Vec3| depth(p, horizon) > READ;
-        let (sum, count) = self
-            .places
-            .iter()
-            .filter(in_sight)
-            .fold((0.0, 0.0), |(sum, count), p| {
-                (sum + bilinear(values, side, p.x, p.y), count + 1.0)
-            });
-        let dark = (DARK * sum / f64::max(count, 1.0)).max(1e-3) as f32;
+        // The spiral falls in z: the places in sight are the first ones.
+        let in_sight = self.places.partition_point(|p| depth(p, horizon) > READ);
+        let in_sight = &self.places[..in_sight];
+        let read = |values: &[f32]| -> Vec<f64> {
+            let values = in_sight.iter().map(|p| bilinear(values, side, p.x, p.y));
+            values.collect()
+        };
+        let mean = read(values).iter().sum::<f64>() / f64::max(in_sight.len() as f64, 1.0);
+        let dark = (DARK * mean).max(1e-3) as f32;
         values.iter_mut().for_each(|v| *v = (*v + dark).ln());
-        let read: Vec<Option<f64>> = self
-            .places
-            .iter()
-            .map(|p| in_sight(&p).then(|| bilinear(values, side, p.x, p.y)))
-            .collect();
+        let read = read(values);
         let means: Vec<f32> = self
             .about
             .iter()
-            .map(|about| {
-                let (sum, count) = about
-                    .iter()
-                    .filter_map(|k| read[*k as usize])
-                    .fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
-                (sum / f64::max(count, 1.0)) as f32
-            })
+            .map(|about| mean_of(&read, about))
             .collect();
-        let along = |k: usize| 2.0 * (k as f64 + 0.5) / side as f64 - 1.0;
-        for (at, value) in values.iter_mut().enumerate() {
-            let (x, y) = (along(at % side), -along(at / side));
-            *value -= bilinear(&means, COARSE, x, y) as f32;
+        // The means between which each column lies, and each row.
+        let between: Vec<Between> = (0..side)
+            .map(|k| Between::new(2.0 * (k as f64 + 0.5) / side as f64 - 1.0, COARSE))
+            .collect();
+        for (row, values) in between.iter().zip(values.chunks_exact_mut(side)) {
+            let [above, below] = [row.first, row.second].map(|j| &means[j * COARSE..][..COARSE]);
+            let mut line = [0.0; COARSE];
+            for ((mean, above), below) in line.iter_mut().zip(above).zip(below) {
+                *mean = above + row.part * (below - above);
+            }
+            for (column, value) in between.iter().zip(values) {
+                let [left, right] = [column.first, column.second].map(|i| line[i]);
+                *value -= left + column.part * (right - left);
+            }
         }
     }
 }
@@ -184,18 +197,58 @@ fn depth(direction: &Vec3, horizon: f64) -> f64 {
     (direction.z - horizon) / (1.0 - horizon)
 }
 
+/// The mean of the numbers in sight about a place, whose numbers rise.
+fn mean_of(read: &[f64], about: &[u32]) -> f32 {
+    let in_sight = about.partition_point(|k| (*k as usize) < read.len());
+    // Four sums, none of which waits for another.
+    let mut sums = [0.0; 4];
+    for four in about[..in_sight].chunks(4) {
+        for (sum, k) in sums.iter_mut().zip(four) {
+            *sum += read[*k as usize];
+        }
+    }
+    (sums.iter().sum::<f64>() / f64::max(in_sight as f64, 1.0)) as f32
+}
+
+/// The two of `side` values over -1 to 1 between which a place lies, and how far it is from the first.
+#[derive(Debug, Clone, Copy)]
+struct Between {
+    first: usize,
+    second: usize,
+    part: f32,
+}
+
+impl Between {
+    fn new(x: f64, side: usize) -> Self {
+        let last = (side - 1) as f64;
+        let at = (0.5 * side as f64 * (x + 1.0) - 0.5).clamp(0.0, last);
+        let first = at as usize;
+        Self {
+            first,
+            second: (first + 1).min(side - 1),
+            part: (at - first as f64) as f32,
+        }
+    }
+}
+
 /// The value at x and y of a square of `side` values a row over -1 to 1.
+#[inline]
 fn bilinear<T: Copy + Into<f32>>(values: &[T], side: usize, x: f64, y: f64) -> f64 {
-    let half = 0.5 * side as f64;
-    let last = (side - 1) as f64;
-    let place = |x: f64| (half * (x + 1.0) - 0.5).clamp(0.0, last);
+    // Just before the last value: the next one is always there.
+    let (half, last) = (0.5 * side as f32, side as f32 - 1.001);
+    let place = |x: f64| (half * (x as f32 + 1.0) - 0.5).clamp(0.0, last);
     let (u, v) = (place(x), place(-y));
-    let (i, j) = (u as usize, v as usize);
-    let (i1, j1) = ((i + 1).min(side - 1), (j + 1).min(side - 1));
-    let (a, b) = ((u - i as f64) as f32, (v - j as f64) as f32);
-    let value = |i: usize, j: usize| -> f32 { values[j * side + i].into() };
-    let above = value(i, j) + a * (value(i1, j) - value(i, j));
-    let below = value(i, j1) + a * (value(i1, j1) - value(i, j1));
+    let (i, j) = (u as i32, v as i32);
+    let (a, b) = (u - i as f32, v - j as f32);
+    let on_row = |first: usize| match values.get(first..first + 2) {
+        Some(&[left, right]) => {
+            let (left, right): (f32, f32) = (left.into(), right.into());
+            left + a * (right - left)
+        }
+        _ => 0.0,
+    };
+    let first = j as usize * side + i as usize;
+    let (above, below) = (on_row(first), on_row(first + side));
     f64::from(above + b * (below - above))
 }
 
@@ -203,6 +256,11 @@ impl Face {
     /// How far a direction of the view frame faces the camera: 0 at the limb, 1 in the middle.
     pub fn depth(&self, direction: &Vec3) -> f64 {
         depth(direction, self.horizon)
+    }
+
+    /// The z from which directions of the view frame face the camera by a depth.
+    pub fn least_z(&self, depth: f64) -> f64 {
+        depth + (1.0 - depth) * self.horizon
     }
 
     /// The value at a direction of the view frame that is visible.

@@ -32,6 +32,17 @@ const MIN_KNOWN: f64 = 0.5;
 /// No step is longer, radians: slopes reach no farther.
 pub(crate) const MAX_STEP: f64 = 0.15;
 
+/// Places that come into sight while the ball turns by no more, radians, are seen from the first step on.
+const MARGIN: f64 = 0.1;
+
+/// A steep place that is visible, or nearly.
+#[derive(Debug)]
+struct NearPlace {
+    direction: Vec3,
+    turn: Vec3,
+    value: f64,
+}
+
 /// A visible place.
 #[derive(Debug)]
 struct VisiblePlace {
@@ -43,6 +54,7 @@ struct VisiblePlace {
 /// Room for fits.
 #[derive(Debug, Default)]
 pub(crate) struct FitSpace {
+    near: Vec<NearPlace>,
     seen: Vec<VisiblePlace>,
     sizes: Vec<[f64; 2]>,
 }
@@ -57,8 +69,13 @@ impl FitSpace {
         start: &Rotation,
     ) -> Option<Laid> {
         let mut rotation = *start;
+        let mut turned = f64::INFINITY;
         for step in 0..FIT_STEPS {
-            let noise = self.see(grid, surface, face, &rotation);
+            if turned > MARGIN {
+                self.come_near(grid, surface, face, &rotation);
+                turned = 0.0;
+            }
+            let noise = self.see(face, &rotation);
             let floor = (COARSE * 0.75f64.powi(step as i32)).max(LEAST_SIGMA);
             let (matrix, vector) = self.equations(noise.max(floor));
             let turn = matrix.cholesky()?.solve(&vector);
@@ -66,11 +83,15 @@ impl FitSpace {
             rotation *= Rotation::from_scaled_axis(-turn);
             // Starts are products of the frames before: without this, errors of their length multiply by 2.4 with every frame.
             rotation.renormalize();
+            turned += turn.norm();
             if turn.norm() < SETTLED {
                 break;
             }
         }
-        let sigma = self.see(grid, surface, face, &rotation).max(LEAST_SIGMA);
+        if turned > MARGIN {
+            self.come_near(grid, surface, face, &rotation);
+        }
+        let sigma = self.see(face, &rotation).max(LEAST_SIGMA);
         let (matrix, _) = self.equations(sigma);
         let own = matrix.cholesky()?.inverse();
         let shared = face.places_a_value(PLACES);
@@ -83,29 +104,41 @@ impl FitSpace {
         })
     }
 
-    /// The steep visible places, and the standard deviation of their residuals.
-    fn see(
+    /// The steep places that are visible, or are after a turn by [`MARGIN`].
+    fn come_near(
         &mut self,
         grid: &PlaceGrid,
         surface: &SurfaceMap,
         face: &Face,
         rotation: &Rotation,
-    ) -> f64 {
+    ) {
+        let towards = rotation.inverse() * Vec3::z();
+        let least = face.least_z(ALIGNED) - MARGIN;
+        let steep = surface.steep.iter().map(|place| *place as usize);
+        let near = steep.filter(|place| grid.directions[*place].dot(&towards) >= least);
+        self.near.clear();
+        self.near.extend(near.map(|place| NearPlace {
+            direction: grid.directions[place],
+            turn: Vec3::from(surface.turns[place].map(f64::from)),
+            value: f64::from(surface.values[place]),
+        }));
+    }
+
+    /// The visible ones of the near places, and the standard deviation of their residuals.
+    fn see(&mut self, face: &Face, rotation: &Rotation) -> f64 {
         self.seen.clear();
         self.sizes.clear();
         let to_view = rotation.to_rotation_matrix();
-        for &place in &surface.steep {
-            let place = place as usize;
-            let at = to_view * grid.directions[place];
+        for near in &self.near {
+            let at = to_view * near.direction;
             let depth = face.depth(&at);
             if depth < ALIGNED {
                 continue;
             }
-            let turn = Vec3::from(surface.turns[place].map(f64::from));
-            let residual = face.at(&at) - f64::from(surface.values[place]);
-            self.sizes.push([residual.abs(), turn.norm_squared()]);
+            let residual = face.at(&at) - near.value;
+            self.sizes.push([residual.abs(), near.turn.norm_squared()]);
             self.seen.push(VisiblePlace {
-                turn,
+                turn: near.turn,
                 residual,
                 depth,
             });
@@ -137,7 +170,12 @@ pub(crate) fn agreement(
 ) -> Option<f64> {
     let to_view = rotation.to_rotation_matrix();
     let (mut in_sight, mut known, mut sums) = (0, 0, [0.0; 6]);
+    let towards = rotation.inverse() * Vec3::z();
+    let least = face.least_z(ALIGNED) - 1e-9;
     for (place, direction) in grid.compared() {
+        if direction.dot(&towards) < least {
+            continue;
+        }
         let at = to_view * direction;
         let depth = face.depth(&at);
         if depth < ALIGNED {

@@ -87,7 +87,8 @@ impl PaintedFrame {
     pub(crate) fn image(&self) -> Option<(GrayImage, Grid)> {
         let kept = self.0.as_ref()?;
         let [width, height] = kept.size;
-        let value = |u: usize, v: usize| f32::from(kept.values[v * width + u]) / 255.0;
-        Some((GrayImage::from_fn(width, height, value), kept.grid))
+        let values = kept.values.iter().map(|value| f32::from(*value) / 255.0);
+        let image = GrayImage::new(width, height, values.collect()).ok()?;
+        Some((image, kept.grid))
     }
 }

@@ -3,11 +3,12 @@
 //! The correlation of the blurred face with the blurred surface under `R` is computed for rotations that cover all evenly (M. Alexa,
 //! "Super-Fibonacci Spirals", CVPR 2022), and the best are climbed from.
 
+use fearless_simd::{Level, Simd, dispatch};
+use nalgebra::Matrix3;
+
 use super::face::Face;
 use super::surface_map::{PlaceGrid, SurfaceMap};
-use crate::geometry::{
-    Rotation, Vec3, rotation_angle, spiral_directions, spread_rotation, tangent_frame,
-};
+use crate::geometry::{Rotation, Vec3, spiral_directions, spread_rotation, tangent_frame};
 
 /// Rotations tried: neighbors are some 11 degrees apart.
 const ROTATIONS: usize = 12_000;
@@ -16,11 +17,15 @@ const CELLS: usize = 500;
 const MIN_Z: f64 = 0.35;
 /// Blur, radians: half the width of the box.
 const BLUR: f64 = 0.09;
-/// Cells along the side of a cube's face in which the surface is looked up.
+/// Cells along the side of a cube's face in which the surface is looked up, and room for those of all faces: a power of two.
 const CUBE: usize = 24;
+const TABLE: usize = 4_096;
+const _: () = assert!(6 * CUBE * CUBE <= TABLE);
 /// The best of the rotations are climbed from, as far as none is beside a better one, radians.
 const CLIMBED: usize = 24;
 const BESIDE: f64 = 0.2;
+/// So many of the best are put in order at a time.
+const ORDERED: usize = 400;
 /// First and last step of the climb, radians.
 const STEPS: [f64; 2] = [0.08, 0.02];
 
@@ -30,8 +35,11 @@ const LANES: usize = 8;
 /// What does not depend on face and surface.
 #[derive(Debug)]
 pub(crate) struct Search {
+    level: Level,
     rotations: Vec<Rotation>,
     cells: Vec<Vec3>,
+    /// Their x, y and z, as many at a time as are turned side by side.
+    lanes: Vec<[[f32; LANES]; 3]>,
     /// The cube's cells that the cells meet under each of the rotations, one rotation after the other.
     met: Vec<u16>,
     /// The directions of a cube's cells.
@@ -45,14 +53,19 @@ struct BlurredFace {
     squares: f32,
 }
 
-/// A blurred surface; 0 where it is not known.
+/// A blurred surface, by the cube's cells; 0 where it is not known.
 #[derive(Debug)]
-pub(crate) struct Blurred(Vec<f32>);
+pub(crate) struct Blurred([f32; TABLE]);
 
 impl Search {
     /// Rotations, and cells to compare.
     pub fn new() -> Self {
-        let cells: Vec<Vec3> = spiral_directions(CELLS).filter(|d| d.z > MIN_Z).collect();
+        let mut cells: Vec<Vec3> = spiral_directions(CELLS).filter(|d| d.z > MIN_Z).collect();
+        // No lane is left empty: the last few, next to the limb, are left out.
+        cells.truncate(cells.len() / LANES * LANES);
+        let (chunks, _) = cells.as_chunks::<LANES>();
+        let lanes =
+            (chunks.iter()).map(|chunk| [0, 1, 2].map(|axis| chunk.map(|c| c[axis] as f32)));
         let cube = (0..6 * CUBE * CUBE).map(cube_direction).collect();
         let rotations: Vec<Rotation> = (0..ROTATIONS)
             .map(|k| spread_rotation(k, ROTATIONS))
@@ -64,7 +77,9 @@ impl Search {
                 .map(move |cell| cube_cell(&(back * cell)) as u16)
         });
         Self {
+            level: Level::new(),
             met: met.collect(),
+            lanes: lanes.collect(),
             rotations,
             cells,
             cube,
@@ -95,7 +110,11 @@ impl Search {
             }
             sum / count.max(1.0)
         };
-        Blurred(self.cube.iter().map(blur).collect())
+        let mut blurred = [0.0; TABLE];
+        for (value, direction) in blurred.iter_mut().zip(&self.cube) {
+            *value = blur(direction);
+        }
+        Blurred(blurred)
     }
 
     /// The likeliest rotations, best first, with their correlations; within `within` radians of one where it is given.
@@ -108,24 +127,28 @@ impl Search {
         let seen = self.face_cells(face);
         let met = self.met.chunks_exact(self.cells.len());
         let tried = self.rotations.iter().zip(met).filter(|(r, _)| match near {
-            Some((about, within)) => rotation_angle(about, r) < within,
+            Some((about, within)) => are_near(about, r, within),
             None => true,
         });
-        let mut scored: Vec<(Rotation, f64)> = tried
-            .map(|(r, met)| (*r, correlation(surface, &seen, |k| usize::from(met[k]))))
+        let mut scored: Vec<(f64, &Rotation)> = tried
+            .map(|(r, met)| (correlation(surface, &seen, met), r))
             .collect();
-        scored.sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
-        let mut best: Vec<(Rotation, f64)> = Vec::new();
-        for (rotation, score) in scored {
-            if best.len() == CLIMBED {
-                break;
+        let mut best: Vec<(Rotation, f64)> = Vec::with_capacity(CLIMBED);
+        // The best are among the first few: the others need no order.
+        let mut rest = scored.as_mut_slice();
+        while best.len() < CLIMBED && !rest.is_empty() {
+            let first = ORDERED.min(rest.len());
+            if first < rest.len() {
+                rest.select_nth_unstable_by(first, |a, b| b.0.total_cmp(&a.0));
             }
-            if best
-                .iter()
-                .all(|b| rotation_angle(&b.0, &rotation) > BESIDE)
-            {
-                best.push((rotation, score));
+            let (ordered, others) = rest.split_at_mut(first);
+            ordered.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+            for (score, rotation) in ordered.iter() {
+                if best.len() < CLIMBED && best.iter().all(|b| !are_near(&b.0, rotation, BESIDE)) {
+                    best.push((**rotation, *score));
+                }
             }
+            rest = others;
         }
         for (rotation, score) in &mut best {
             self.climb(surface, &seen, rotation, score);
@@ -133,10 +156,7 @@ impl Search {
         best.sort_unstable_by(|a, b| b.1.total_cmp(&a.1));
         let mut apart: Vec<(Rotation, f64)> = Vec::new();
         for found in best {
-            if apart
-                .iter()
-                .all(|b| rotation_angle(&b.0, &found.0) > BESIDE)
-            {
+            if apart.iter().all(|b| !are_near(&b.0, &found.0, BESIDE)) {
                 apart.push(found);
             }
         }
@@ -163,7 +183,22 @@ impl Search {
 
     fn score(&self, surface: &Blurred, seen: &BlurredFace, rotation: &Rotation) -> f64 {
         let back = rotation.inverse().to_rotation_matrix();
-        correlation(surface, seen, |k| cube_cell(&(back * self.cells[k])))
+        let back = back.matrix().map(|x| x as f32);
+        let (mut own, mut both) = ([0.0f32; LANES], [0.0f32; LANES]);
+        let mut met = [0; LANES];
+        let (chunks, _) = seen.values.as_chunks::<LANES>();
+        for (directions, values) in self.lanes.iter().zip(chunks) {
+            dispatch!(self.level, simd => simd.vectorize(
+                #[inline(always)]
+                || turned_cells(&back, directions, &mut met)
+            ));
+            for lane in 0..LANES {
+                let other = surface.0[met[lane] as usize % TABLE];
+                own[lane] += other * other;
+                both[lane] += values[lane] * other;
+            }
+        }
+        seen.correlation(own, both)
     }
 
     fn climb(
@@ -192,18 +227,54 @@ impl Search {
     }
 }
 
+/// Whether two rotations differ by less than so many radians.
+fn are_near(one: &Rotation, other: &Rotation, within: f64) -> bool {
+    one.coords.dot(&other.coords).abs() > (0.5 * within).cos()
+}
+
 /// The correlation, about 0, of a face with the surface at the cells of the cube that its cells meet: places that are not known take from it.
-fn correlation(surface: &Blurred, seen: &BlurredFace, met: impl Fn(usize) -> usize) -> f64 {
+fn correlation(surface: &Blurred, seen: &BlurredFace, met: &[u16]) -> f64 {
     let (mut own, mut both) = ([0.0f32; LANES], [0.0f32; LANES]);
-    for (chunk, values) in seen.values.chunks(LANES).enumerate() {
-        for (lane, value) in values.iter().enumerate() {
-            let other = surface.0[met(LANES * chunk + lane)];
+    let ((values, _), (met, _)) = (seen.values.as_chunks::<LANES>(), met.as_chunks::<LANES>());
+    for (values, met) in values.iter().zip(met) {
+        for lane in 0..LANES {
+            let other = surface.0[usize::from(met[lane]) % TABLE];
             own[lane] += other * other;
-            both[lane] += value * other;
+            both[lane] += values[lane] * other;
         }
     }
-    let [own, both] = [own, both].map(|lanes| lanes.iter().sum::<f32>());
-    f64::from(both / (own.max(1e-6) * seen.squares.max(1e-6)).sqrt())
+    seen.correlation(own, both)
+}
+
+impl BlurredFace {
+    /// By the sums of the surface's squares and of both values' products.
+    fn correlation(&self, own: [f32; LANES], both: [f32; LANES]) -> f64 {
+        let [own, both] = [own, both].map(|lanes| lanes.iter().sum::<f32>());
+        f64::from(both / (own.max(1e-6) * self.squares.max(1e-6)).sqrt())
+    }
+}
+
+/// The cells of a cube about the ball that directions meet when they are turned: [`cube_cell`] of each.
+#[inline(always)]
+fn turned_cells(turn: &Matrix3<f32>, [xs, ys, zs]: &[[f32; LANES]; 3], met: &mut [u32; LANES]) {
+    for lane in 0..LANES {
+        let [x, y, z] = std::array::from_fn(|row| {
+            turn[(row, 0)] * xs[lane] + turn[(row, 1)] * ys[lane] + turn[(row, 2)] * zs[lane]
+        });
+        let is_x = (x.abs() >= y.abs()) & (x.abs() >= z.abs());
+        let is_y = !is_x & (y.abs() >= z.abs());
+        let of = |x: f32, y: f32, z: f32| match (is_x, is_y) {
+            (true, _) => x,
+            (_, true) => y,
+            _ => z,
+        };
+        let (along, u, v) = (of(x, y, z), of(y, z, x), of(z, x, y));
+        let scale = 0.5 / along.abs().max(1e-9);
+        let cell = |x: f32| (((x * scale + 0.5) * CUBE as f32) as i32).clamp(0, CUBE as i32 - 1);
+        let axis = if is_x { 0 } else { 2 - i32::from(is_y) };
+        let face = 2 * axis + i32::from(along < 0.0);
+        met[lane] = ((face * CUBE as i32 + cell(v)) * CUBE as i32 + cell(u)) as u32;
+    }
 }
 
 /// The cell of a cube about the ball that a direction meets.
@@ -227,4 +298,34 @@ fn cube_direction(cell: usize) -> Vec3 {
     d[(axis + 1) % 3] = at(u);
     d[(axis + 2) % 3] = at(v);
     d.normalize()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::geometry::random_rotation;
+
+    #[test]
+    fn turned_lanes_meet_the_cells_of_the_cube() {
+        let search = Search::new();
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let (mut same, mut all) = (0, 0);
+        for _ in 0..50 {
+            let turn = random_rotation(&mut rng).to_rotation_matrix();
+            let single = turn.matrix().map(|x| x as f32);
+            for (cells, lanes) in search.cells.chunks(LANES).zip(&search.lanes) {
+                let mut met = [0; LANES];
+                turned_cells(&single, lanes, &mut met);
+                for (cell, met) in cells.iter().zip(met) {
+                    same += u32::from(cube_cell(&(turn * cell)) == met as usize);
+                    all += 1;
+                }
+            }
+        }
+        // But for borders, within the single precision.
+        assert!(same + all / 2_000 >= all, "{same} of {all}");
+    }
 }

@@ -38,6 +38,9 @@ const ROUNDS: usize = 3;
 
 /// Steps of a fit of all at once, and the frames that take part at most.
 const STEPS: usize = 4;
+/// The fit has settled where a step moves what all views share by no more, radii of the outline: a shift feigns a turn of as many radians,
+/// of which a fortieth of [`SYSTEMATIC`] is nothing.
+const SETTLED: f64 = 3e-4;
 const ASKED: usize = 150;
 
 /// Standard deviation per axis that no number of pixels takes away, radians: light, outline and surface err alike in many of them.
@@ -128,7 +131,11 @@ impl PaintedTracker {
         let mut clip = Clip::new(frames, &self.camera, Views::of(&self.camera));
         let mut laid = self.grow(&mut clip);
         for _ in 0..ROUNDS {
-            laid = self.together(&mut clip, laid);
+            let is_settled;
+            (laid, is_settled) = self.together(&mut clip, laid);
+            if is_settled {
+                break;
+            }
         }
         if !have_order(&laid) || !self.decoys(&clip.faces).are_beaten(&laid) {
             // The first is where the surface begins, and says nothing.
@@ -176,7 +183,9 @@ impl PaintedTracker {
         let asked = asked(laid);
         for _ in 0..STEPS {
             let step = bundle::step(&self.grid, surface, Paint::Known, clip, &asked, laid);
-            let Some(shared) = step else { break };
+            let Some(shared) = step.filter(|step| step.amax() > SETTLED) else {
+                break;
+            };
             clip.correct(&shared, &asked, &self.maker);
         }
         clip.catch_up(&asked, &self.maker);
@@ -190,20 +199,29 @@ impl PaintedTracker {
         }
     }
 
-    /// All frames so far, the surface and what the views share, fitted together; then each frame by itself.
-    fn together(&self, clip: &mut Clip<'_>, mut laid: Vec<Option<Laid>>) -> Vec<Option<Laid>> {
+    /// All frames so far, the surface and what the views share, fitted together; then each frame by itself. Says whether what the views share
+    /// stayed as it was.
+    fn together(
+        &self,
+        clip: &mut Clip<'_>,
+        mut laid: Vec<Option<Laid>>,
+    ) -> (Vec<Option<Laid>>, bool) {
         let asked = asked(&laid);
         let mut surface = self.surface(&clip.faces, &laid);
-        for _ in 0..STEPS {
+        let mut steps = 0;
+        while steps < STEPS {
             let step = bundle::step(&self.grid, &surface, Paint::Own, clip, &asked, &mut laid);
-            let Some(shared) = step else { break };
+            let Some(shared) = step.filter(|step| step.amax() > SETTLED) else {
+                break;
+            };
+            steps += 1;
             clip.correct(&shared, &asked, &self.maker);
             let mut fitted = vec![None; laid.len()];
             asked.iter().for_each(|k| fitted[*k] = laid[*k]);
             surface = self.surface(&clip.faces, &fitted);
         }
         clip.catch_up(&asked, &self.maker);
-        self.settle(&clip.faces, &surface, &laid)
+        (self.settle(&clip.faces, &surface, &laid), steps == 0)
     }
 
     /// Frame after frame, each on what those before it show.
@@ -217,7 +235,7 @@ impl PaintedTracker {
         clip.reach(check, &self.maker);
         for k in 0..clip.len() {
             if k == check {
-                all = self.together(clip, all);
+                (all, _) = self.together(clip, all);
                 surface = self.surface(&clip.faces, &all);
                 blurred = None;
                 added = all.iter().rev().flatten().next().map(|l| l.rotation);

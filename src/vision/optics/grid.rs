@@ -55,9 +55,11 @@ impl Grid {
 
     /// A place in the image, in the part.
     pub fn pixel_to_part(&self, pixel: Pixel) -> Pixel {
+        // Exact: the side is a power of two.
+        let by_side = self.side.recip();
         Pixel {
-            u: (pixel.u - (self.left + self.half())) / self.side,
-            v: (pixel.v - (self.top + self.half())) / self.side,
+            u: (pixel.u - (self.left + self.half())) * by_side,
+            v: (pixel.v - (self.top + self.half())) * by_side,
         }
     }
 
