@@ -3,7 +3,7 @@
 //! The bare surface is the polynomial of the second degree in the normal that the blob detector subtracts (`vision/blob/flatten.rs`): it is
 //! known up to the limb, where the mean about a place ([`face`](super::face)) is one-sided, and takes nothing from large dots.
 
-use super::face::{Face, FaceSamples};
+use super::face::{Face, FaceSamples, Rays};
 use super::frame::PaintedFrame;
 use crate::image::GrayImage;
 use crate::vision::dots::blob::flatten::{Flat, Shading};
@@ -47,7 +47,12 @@ impl BareFaceMaker {
             let surface = bare.sample(place.u, place.v);
             1.0 + (image.sample(at.u, at.v) - surface) / surface.max(spread * DARKEST)
         };
-        let mut samples = FaceSamples::take(over_bare, view.circle().radius / grid.side, view);
+        let mut samples = FaceSamples::take(
+            over_bare,
+            view.circle().radius / grid.side,
+            view,
+            Rays::WithinAPixel,
+        );
         for value in &mut samples.values {
             *value = value.max(DARK).ln();
         }

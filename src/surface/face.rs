@@ -70,6 +70,15 @@ pub struct Face {
     pub(crate) covered: Vec<bool>,
 }
 
+/// How many rays a value of a large ball is the mean of, along each side.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Rays {
+    /// As many as lie nearest to a pixel apart, which paint is followed by as well.
+    OnePixelApart,
+    /// As many as lie no farther apart: marks are small, and a faint one is told from noise.
+    WithinAPixel,
+}
+
 /// Values over the ball's near side, as a [`Face`] has them.
 pub(crate) struct FaceSamples {
     pub values: Vec<f32>,
@@ -79,10 +88,14 @@ pub(crate) struct FaceSamples {
 
 impl FaceSamples {
     /// By the brightness at pixels of an image, under whose `view` the ball's radius is so many known pixels.
-    pub fn take(sample: impl Fn(Pixel) -> f32, radius: f64, view: &BallView) -> Self {
+    pub fn take(sample: impl Fn(Pixel) -> f32, radius: f64, view: &BallView, rays: Rays) -> Self {
         let side = (2.0 * radius).clamp(SIDE[0], SIDE[1]).round() as usize;
-        // A value of a large ball is the mean of so many rays squared, some 1 pixel apart.
-        let fine = (2.0 * radius / side as f64).round().max(1.0) as usize;
+        let pixels = 2.0 * radius / side as f64;
+        let fine = match rays {
+            Rays::OnePixelApart => pixels.round(),
+            Rays::WithinAPixel => pixels.ceil(),
+        };
+        let fine = fine.max(1.0) as usize;
         let horizon = view.horizon();
         let along = |ray: usize| {
             let at = (ray / fine) as f64 + ((ray % fine) as f64 + 0.5) / fine as f64;
@@ -145,7 +158,12 @@ impl FaceMaker {
             let at = grid.pixel_to_part(pixel);
             image.sample(at.u, at.v)
         };
-        let mut samples = FaceSamples::take(sample, view.circle().radius / grid.side, view);
+        let mut samples = FaceSamples::take(
+            sample,
+            view.circle().radius / grid.side,
+            view,
+            Rays::OnePixelApart,
+        );
         self.flatten(&mut samples);
         Some(samples.to_face(center_sigma))
     }

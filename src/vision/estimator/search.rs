@@ -81,7 +81,7 @@ impl Estimator {
             let hint = prior.rotation.as_ref();
             self.try_place(image, &proposal, hint, is_outlined, ws, &mut there);
             places.learn(&proposal, &there);
-            is_answered = is_answer(&there, proposal.standing);
+            is_answered = is_answer(&there, proposal.standing) || ws.spending.has_detected;
             // What is expected, or else the likeliest place, says why there is no answer.
             let is_open = out.outline.is_none() || prior.outline.is_none();
             if is_answered || (is_open && is_nearer(&there, out, proposal.standing)) {
@@ -197,7 +197,7 @@ impl Estimator {
                     self.try_outline(&crop, &candidate, hint, ws, &mut other);
                 }
                 let is_pose = is_better(&other, out) && (beside.is_some() || is_evident(&other));
-                if is_pose || is_mirrored(&other) {
+                if is_pose || is_mirrored(&other) || ws.spending.has_detected {
                     std::mem::swap(&mut other, out);
                 }
             }
@@ -254,7 +254,9 @@ impl Estimator {
         other: &mut FrameEstimate,
         out: &mut FrameEstimate,
     ) {
-        if out.pose().is_some() || is_mirrored(out) || ws.spending.is_over() {
+        let is_open = out.pose().is_none() && !is_mirrored(out);
+        // Without a pose no such ball is believed.
+        if !is_open || ws.spending.is_detecting() || ws.spending.is_over() {
             return;
         }
         let Some(candidate) = ws.locator.smaller(crop.gray) else {

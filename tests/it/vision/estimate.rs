@@ -13,6 +13,8 @@ use spindoe::pattern::Pattern;
 use spindoe::source::FrameSource;
 use spindoe::source::files::{natural_order, time_of_stem};
 use spindoe::spin::orientations::Orientations;
+use spindoe::synth::SynthConfig;
+use spindoe::synth::dataset::{ClipConfig, SynthSequence};
 use spindoe::vision::{
     Budget, Camera, DetectorName, Estimator, EstimatorConfig, FrameEstimate, FrameRejection,
     Intrinsics, Prior, find_ball,
@@ -58,6 +60,47 @@ fn without_a_run_dots_are_found_and_named_by_none() {
     estimator.estimate(&empty, &Prior::default(), &alone, &mut ws, &mut found);
     let is_without = matches!(found.outcome, Err(FrameRejection::NoBall(_)));
     assert!(is_without && found.outline.is_none(), "{found:?}");
+}
+
+#[test]
+fn in_whole_pictures_the_dots_found_alone_are_the_balls() {
+    let pattern = crate::common::dots20();
+    let estimator = estimator(&pattern, Camera::Orthographic);
+    let mut ws = estimator.workspace();
+    // Surroundings in which other things look like balls, too.
+    let scene = SynthConfig {
+        image_px: Some([640, 480]),
+        ball_px: Some([100.0; 2]),
+        ..SynthConfig::default()
+    };
+    let alone = Budget {
+        runs: 0,
+        ..Budget::default()
+    };
+    let (mut found, mut whole) = (FrameEstimate::default(), FrameEstimate::default());
+    let (mut answered, mut same) = (0, 0);
+    for seed in 0..crate::common::few_or_all(24, 100) as u64 {
+        let timing = ClipConfig::default();
+        let clip = SynthSequence::random(&pattern, &scene, &timing, 640_700 + seed, 1).unwrap();
+        let image = clip.frame(0).unwrap().image;
+        let prior = Prior::default();
+        estimator.estimate(&image, &prior, &Budget::default(), &mut ws, &mut whole);
+        if whole.pose().is_none() {
+            continue;
+        }
+        answered += 1;
+        estimator.estimate(&image, &prior, &alone, &mut ws, &mut found);
+        let near = found.outline.zip(whole.outline).is_some_and(|(a, b)| {
+            let [a, b] = [a.circle, b.circle];
+            (a.center.u - b.center.u).hypot(a.center.v - b.center.v) < 0.1 * b.radius
+        });
+        same += usize::from(near && found.dots.len() >= 5);
+    }
+    println!("{same} of {answered} answered pictures");
+    assert!(
+        answered >= 12 && 10 * same >= 9 * answered,
+        "{same} of {answered}"
+    );
 }
 
 /// Right, wrong and refused of `trials` drawn balls, and the median error of the right, degrees.
