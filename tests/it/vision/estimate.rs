@@ -80,7 +80,10 @@ fn in_whole_pictures_the_dots_found_alone_are_the_balls() {
     let (mut found, mut whole) = (FrameEstimate::default(), FrameEstimate::default());
     let (mut answered, mut same) = (0, 0);
     for seed in 0..crate::common::few_or_all(24, 100) as u64 {
-        let timing = ClipConfig::default();
+        let timing = ClipConfig {
+            fps: 100.0,
+            ..ClipConfig::default()
+        };
         let clip = SynthSequence::random(&pattern, &scene, &timing, 640_700 + seed, 1).unwrap();
         let image = clip.frame(0).unwrap().image;
         let prior = Prior::default();
