@@ -89,12 +89,14 @@ impl SolidPaint {
                 edge_cos,
                 ..
             } => {
-                let is_dot = || dots.iter().any(|dot| dot.dot(&outwards) >= *edge_cos);
+                let is_dot = |dot: &Vec3| dot.dot(&outwards) >= *edge_cos;
                 let is_zone = |(axis, cos): &(Vec3, f64)| axis.dot(&outwards) >= *cos;
-                let color = match () {
-                    () if is_dot() => dark,
-                    () if zones.iter().any(is_zone) => zone,
-                    () => ball,
+                let color = if dots.iter().any(is_dot) {
+                    dark
+                } else if zones.iter().any(is_zone) {
+                    zone
+                } else {
+                    ball
                 };
                 (true, *color)
             }

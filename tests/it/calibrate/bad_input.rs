@@ -63,7 +63,6 @@ fn a_clip_of_two_balls_is_rejected_or_gives_the_dots_of_the_right_one() {
         let other = crate::common::random_pattern(20, seed + 100);
         let dots = drawn(&nominal, 0.02, seed);
         let clip = ClipConfig {
-            frames: few_or_all(60, 120),
             seed,
             ..ClipConfig::default()
         };
