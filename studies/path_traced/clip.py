@@ -30,7 +30,7 @@ import tracer
 import truth
 from camera import Array, Camera, outline, place
 from render import BALL_SAMPLES, MAX_SAMPLES, MIN_SAMPLES, ball_mask
-from scene import CLIP_KINDS, Scene, stream
+from scene import Scene, stream
 
 FIRST_NS = 1_000_000_000_000
 """Time of the first frame, as `spindoe synth` has it."""
@@ -250,7 +250,7 @@ def image_size(text: str) -> tuple[int, int]:
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=CLIP_KINDS)
+    parser.add_argument("kind", choices=PACES)
     parser.add_argument("--ball-px", type=float, default=100.0, help="diameter in the middle of the clip")
     parser.add_argument("--frames", type=int, default=40)
     parser.add_argument("--fps", type=float, help="350 flying, 60 otherwise")

@@ -18,8 +18,8 @@ import sensor
 from camera import Array, Camera, outline, place
 
 KINDS = ("good", "clutter", "dim", "near", "empty")
-CLIP_KINDS = ("flying", "held", "nothing", "noise")
-"""Of clip.py."""
+CLIP_KINDS = ("flying", "held", "nothing", "noise", "turned")
+"""Of clip.py, and, the last, of turned.py."""
 SIZE = (640, 480)
 """Columns and rows of a still."""
 DOT_RADIUS_RAD = 0.1001674211615598

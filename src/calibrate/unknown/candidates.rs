@@ -2,6 +2,7 @@
 
 use super::evidence::MarkEvidence;
 use super::map::MapDot;
+use crate::pattern::Pattern;
 
 /// A mark that is more likely is a dot, one that is less likely none. Of 99 hand-drawn balls without print (`bench calibration-unknown`, seeds 36510001
 /// and, with --guided, 36510002) 70 have all marks right, 29 some in doubt or turned away, none a wrong one; of 26 whose print is not found as such
@@ -56,6 +57,14 @@ impl MarkCandidate {
             (None, Kind::Other) => NO_DOT,
             (None, Kind::Doubtful | Kind::TurnedAway) => 0.5,
         }
+    }
+}
+
+impl Candidates {
+    /// The pattern of the marks that are dots, whatever is known of their number; `None` where they make none.
+    pub fn likely(&self) -> Option<Pattern> {
+        let dots = self.dots.iter().filter(|c| c.kind == Kind::Dot);
+        Pattern::new(dots.map(|c| c.dot.direction).collect()).ok()
     }
 }
 

@@ -2,7 +2,8 @@
 //!
 //! Nothing may be in doubt, and no dot may be hidden: the expected number of dots where no view shows the surface, or where fingers cover it in most views,
 //! must be small. Where it is in doubt a person who looks at the ball's surface can say which marks are its dots. A number of dots decides on a ball
-//! without print where it makes one set of marks likely ([`posterior`]): what is in doubt then are dots, or none.
+//! without print where it makes one set of marks likely ([`posterior`]): what is in doubt then are dots, or none; and beside print where as many marks
+//! are like dots, and none is in doubt.
 
 use super::UnknownRejection;
 use super::candidates::{A_DOT, Candidates, Kind, MarkCandidate};
@@ -118,9 +119,11 @@ impl Candidates {
     }
 
     /// The dots, where there are so many and that settles which marks they are. Print may have marks like dots, all alike: there a number settles
-    /// nothing. `covered` is the share of the surface that is covered in most views.
+    /// no doubt, but that print's are not among as many marks like dots. `covered` is the share of the surface that is covered in most views.
     fn settled(&self, number: usize, covered: f64) -> Option<Vec<MarkCandidate>> {
-        if self.is_printed {
+        let of = |kind: Kind| self.dots.iter().filter(|c| c.kind == kind).count();
+        let has_doubt = of(Kind::Doubtful) + of(Kind::TurnedAway) > 0;
+        if self.is_printed && (has_doubt || of(Kind::Dot) != number) {
             return None;
         }
         let hidden = (self.blind + covered) * number as f64;
@@ -207,9 +210,13 @@ mod tests {
         // Another number, a part that may hide it, a second one in doubt, print.
         assert_eq!(dots(&ball, 14), None);
         assert!(ball.settled(13, 0.2).is_none());
+        // Beside print nothing in doubt is decided, but as many marks like dots are the dots.
         ball.is_printed = true;
-        assert_eq!(dots(&ball, 13), None);
+        assert_eq!((dots(&ball, 12), dots(&ball, 13)), (None, None));
+        let in_doubt = ball.dots.remove(0);
+        assert_eq!((dots(&ball, 12), dots(&ball, 11)), (Some(12), None));
         ball.is_printed = false;
+        ball.dots.insert(0, in_doubt);
         ball.dots.push(mark(14, Kind::TurnedAway, None));
         assert_eq!(dots(&ball, 13), None);
         assert_eq!(dots(&ball, 14), Some(14));

@@ -175,6 +175,12 @@ impl<'a> DotMap<'a> {
         established.map(|(j, _)| j).take(MAX_DOTS).collect()
     }
 
+    /// The pattern of the established dots; `None` where they make none.
+    pub fn pattern(&self) -> Option<Pattern> {
+        let directions = self.established().into_iter();
+        Pattern::new(directions.map(|j| self.dots[j].direction).collect()).ok()
+    }
+
     /// The recognizer of the established dots; `None` where they are too few.
     fn recognizer(&self) -> Result<Option<(RobustRecognizer, Vec<usize>)>> {
         let names = self.established();

@@ -6,7 +6,10 @@
 //! ([`super::bundle`]); places that turn out the same when the ball comes around are merged, which closes
 //! the loop; dots that are not found where they should be leave the map.
 //!
-//! What is a dot is then decided on the ball's whole surface as all frames show it ([`Darkness`], [`marks`], [`kinds`]).
+//! A clip is looked at twice: fingers and shade draw outlines, too, and only known dots show which is the ball's. So the frames are found
+//! with the dots that are likely by the first survey ([`Survey::likely`]), and surveyed again.
+//!
+//! What is a dot is decided on the ball's whole surface as all frames show it ([`Darkness`], [`marks`], [`kinds`]).
 //!
 //! # What is promised
 //! A pattern only where most frames hang together, the clip shows the whole ball, and surface and detector agree on what is a dot or a person says
@@ -38,6 +41,7 @@ use crate::stats::median;
 use crate::surface::{Darkness, PaintedFrame};
 use crate::vision::FrameEstimate;
 
+use candidates::Candidates;
 pub use candidates::Kind as MarkKind;
 pub use choice::KnownDots;
 pub use confirm::calibrate_built;
@@ -282,9 +286,11 @@ pub fn survey(
         Ok(grown) => grown,
         Err(rejection) => return Ok(Survey::rejected(estimates.len(), rejection)),
     };
+    let likely = map.pattern();
     if let Err(rejection) = map.connected(rich) {
         return Ok(Survey {
             placed: map.placed_frames(),
+            likely,
             ..Survey::rejected(estimates.len(), rejection)
         });
     }
@@ -293,12 +299,14 @@ pub fn survey(
         return Ok(Survey {
             placed: map.placed_frames(),
             shown: covered.shown(),
+            likely,
             ..Survey::rejected(estimates.len(), UnknownRejection::NoDots)
         });
     };
     let surface = covered.uncovered(COVER[0] * dot.darkness, COVER[1] * dot.radius)?;
     let candidates = map.judge(&surface, shown);
     let marked = candidates.as_ref().ok();
+    let likely = marked.and_then(Candidates::likely).or(likely);
     let marked = marked.map(|c| MarkedSurface::new(&surface, &c.dots));
     let pattern = candidates.and_then(|c| map.finish(&c, &surface, known));
     Ok(Survey {
@@ -311,6 +319,7 @@ pub fn survey(
             _ => None,
         },
         surface: marked,
+        likely,
         pattern,
     })
 }

@@ -4,6 +4,7 @@ use super::candidates::MarkCandidate;
 use super::map::DotMap;
 use super::{BuiltPattern, MarkEvidence, MarkKind, UnknownRejection};
 use crate::geometry::{Vec3, angle_between};
+use crate::pattern::Pattern;
 use crate::surface::{Darkness, SurfacePlace};
 
 /// Of the places that no view shows, one in so many is tried for the middle of the largest hole.
@@ -35,6 +36,9 @@ pub struct Survey {
     pub missing: Option<MissingSide>,
     /// The ball's surface with its marks, where the frames hang together and show what a dot looks like.
     pub surface: Option<MarkedSurface>,
+    /// The dots that are likely by these frames, whatever is known of their number: by them frames can be identified, and seen better
+    /// for a second survey. `None` where the frames do not make a pattern.
+    pub likely: Option<Pattern>,
     /// The pattern, or why there is none yet.
     pub pattern: std::result::Result<BuiltPattern, UnknownRejection>,
 }
@@ -69,6 +73,7 @@ impl Survey {
             shown: 0.0,
             missing: None,
             surface: None,
+            likely: None,
             pattern: Err(rejection),
         }
     }

@@ -1,6 +1,6 @@
 //! A ball without a table: its pattern by the clip alone.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::clip::IdentifiedFrames;
 use super::marks::MarkNumbers;
@@ -13,11 +13,60 @@ use crate::calibrate::{
 };
 use crate::cli::inputs::{self, Counting, by_input};
 use crate::cli::output::{command_line, is_quiet};
-use crate::clip::{self, BatchConfig};
+use crate::clip::{self, Batch, BatchConfig};
 use crate::error::{Error, Result, are, counted};
 use crate::pattern::Pattern;
 use crate::surface::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate};
+
+/// The frames of a clip as an estimator sees them, and what they show of the ball.
+fn look(
+    arguments: &Arguments,
+    settings: &BatchConfig,
+    estimator: &Estimator,
+) -> Result<Batch<PaintedFrame>> {
+    let observer = Counting::new(&arguments.clip, SurfaceObserver::default());
+    let batch = clip::run(estimator, &arguments.clip, settings, &observer)?;
+    observer.finish();
+    Ok(batch)
+}
+
+/// The frames of a clip, and what they show of the ball.
+struct SeenClip {
+    frames: Vec<FrameEstimate>,
+    shown: Vec<PaintedFrame>,
+    names: Vec<String>,
+    files: Vec<PathBuf>,
+}
+
+impl SeenClip {
+    fn of(mut batch: Batch<PaintedFrame>, arguments: &Arguments) -> Self {
+        let (files, names) = (
+            inputs::files_of(&batch),
+            inputs::names(&batch, &arguments.clip),
+        );
+        let frames = batch.frames.iter_mut();
+        let frames = frames.map(|f| (f.take_estimate(), std::mem::take(&mut f.kept)));
+        let (frames, shown) = frames.unzip();
+        Self {
+            frames,
+            shown,
+            names,
+            files,
+        }
+    }
+
+    /// What they show of it.
+    fn survey(&self, known: &KnownDots, config: &CalibrationConfig) -> Result<Survey> {
+        if !is_quiet() {
+            errln!(
+                "laying {} on one ball, to find its dots",
+                counted(self.frames.len(), "frame")
+            );
+        }
+        survey(&self.frames, &self.shown, known, config)
+    }
+}
 
 /// What ball a clip shows.
 pub(super) enum UnknownBall {
@@ -68,24 +117,23 @@ pub(super) fn find(
     known: &KnownDots,
     config: &CalibrationConfig,
 ) -> Result<UnknownBall> {
-    let estimator = stand_in(arguments, config)?;
-    let settings = SurfaceObserver::settings(settings.clone());
-    let observer = Counting::new(&arguments.clip, SurfaceObserver::default());
-    let mut batch = clip::run(&estimator, &arguments.clip, &settings, &observer)?;
-    observer.finish();
-    inputs::say(&batch, &settings)?;
-    let files = inputs::files_of(&batch);
-    let names = inputs::names(&batch, &arguments.clip);
-    let frames = batch.frames.iter_mut();
-    let frames = frames.map(|f| (f.take_estimate(), std::mem::take(&mut f.kept)));
-    let (frames, shown): (Vec<FrameEstimate>, Vec<PaintedFrame>) = frames.unzip();
-    if !is_quiet() {
-        errln!(
-            "laying {} on one ball, to find its dots",
-            counted(frames.len(), "frame")
-        );
+    let detecting = SurfaceObserver::settings(settings.clone());
+    let batch = look(arguments, &detecting, &stand_in(arguments, config)?)?;
+    inputs::say(&batch, &detecting)?;
+    let mut seen = SeenClip::of(batch, arguments);
+    let mut survey = seen.survey(known, config)?;
+    if let Some(likely) = survey.likely.take() {
+        // Which outline is the ball's the dots show, once they are known.
+        let estimator = Estimator::new(&likely, config.estimator, arguments.images.detector()?)?;
+        seen = SeenClip::of(look(arguments, settings, &estimator)?, arguments);
+        survey = seen.survey(known, config)?;
     }
-    let survey = survey(&frames, &shown, known, config)?;
+    let SeenClip {
+        shown,
+        names,
+        files,
+        ..
+    } = seen;
     say_decided(arguments, survey.decided());
     let Survey {
         pattern,

@@ -165,13 +165,13 @@ impl Args {
             true => Strokes::Abrupt,
         };
         let clip = HandClip::random(looks, habits, strokes, self.seed, k)?;
+        let config = CalibrationConfig::default();
         let SeenClip {
             estimates,
             taken,
             shown,
-        } = SeenClip::of(&clip)?;
+        } = SeenClip::of(&clip, &config)?;
         let visible = shown.hidden.iter().filter(|h| !**h).count();
-        let config = CalibrationConfig::default();
         let known = match self.counted || self.marks_named {
             true => KnownDots::Number(visible),
             false => KnownDots::Nothing,

@@ -5,7 +5,7 @@ use spindoe::calibrate::{CalibrationConfig, KnownDots, MarkEvidence, SurfaceObse
 use spindoe::geometry::Vec3;
 use spindoe::surface::PaintedFrame;
 use spindoe::synth::SynthConfig;
-use spindoe::vision::{FrameEstimate, Prior};
+use spindoe::vision::{Budget, FrameEstimate, Prior};
 use spindoe::{DotUncertainty, ObservedDot, Pattern, Recognizer, RobustRecognizer, ViewModel};
 use spindoe_studies::Outcome;
 use spindoe_studies::frames::estimator;
@@ -32,15 +32,28 @@ pub struct SeenClip {
 }
 
 impl SeenClip {
-    pub fn of(clip: &HandClip) -> Outcome<Self> {
-        let detecting = estimator(&SurfaceObserver::stand_in()?)?;
-        let mut workspace = detecting.workspace();
+    /// As the command looks at a clip: for dots alone, and then with those that are likely.
+    pub fn of(clip: &HandClip, config: &CalibrationConfig) -> Outcome<Self> {
+        let seen = Self::looked(
+            clip,
+            &SurfaceObserver::stand_in()?,
+            SurfaceObserver::budget(),
+        )?;
+        let known = KnownDots::Nothing;
+        match survey(&seen.estimates, &seen.taken, &known, config)?.likely {
+            Some(likely) => Self::looked(clip, &likely, Budget::default()),
+            None => Ok(seen),
+        }
+    }
+
+    fn looked(clip: &HandClip, pattern: &Pattern, budget: Budget) -> Outcome<Self> {
+        let estimator = estimator(pattern)?;
+        let mut workspace = estimator.workspace();
         let mut estimates = Vec::with_capacity(clip.frames());
         let mut taken = Vec::with_capacity(clip.frames());
         let shown = clip.show(|seen| {
             let mut found = FrameEstimate::default();
-            let budget = SurfaceObserver::budget();
-            detecting.estimate(
+            estimator.estimate(
                 &seen.image,
                 &Prior::default(),
                 &budget,
@@ -81,8 +94,8 @@ pub fn fitting_marks(clips: u64, seed: u64) -> Outcome<Vec<JudgedMark>> {
 
 /// The marks of a clip; none where its frames do not hang together.
 fn judged_marks(clip: &HandClip) -> Outcome<Vec<JudgedMark>> {
-    let seen = SeenClip::of(clip)?;
     let config = CalibrationConfig::default();
+    let seen = SeenClip::of(clip, &config)?;
     let found = survey(&seen.estimates, &seen.taken, &KnownDots::Nothing, &config)?;
     let marks = found.surface.map(|s| s.marks).unwrap_or_default();
     let Ok(pattern) = Pattern::new(marks.iter().map(|m| m.direction).collect()) else {

@@ -16,8 +16,8 @@ use spindoe::image::{GrayImage, Picture, RawPixel, RgbImage};
 use spindoe::surface::{MappedFrame, PaintMapper, PaintedFrame, ViewedPlaces};
 use spindoe::synth::pen::Spot;
 use spindoe::synth::{Scene, SynthConfig};
-use spindoe::vision::optics::camera::BallView;
-use spindoe::vision::{DetectorName, FrameEstimate, Outline, Prior};
+use spindoe::vision::optics::camera::{BallCircle, BallView, Pixel};
+use spindoe::vision::{Budget, DetectorName, FrameEstimate, Outline, OutlinePrior, Prior};
 use spindoe::{
     Ball, DotUncertainty, Estimator, EstimatorConfig, Identification, ObservedDot, Pattern,
     Recognizer, RobustRecognizer, ViewModel,
@@ -154,16 +154,28 @@ fn filmed(
 fn seen_in(
     pictures: Vec<(RgbImage, BallView, Rotation)>,
 ) -> (Vec<FrameEstimate>, Vec<PaintedFrame>) {
-    let estimator = detecting();
-    let mut workspace = estimator.workspace();
     let settings = SurfaceObserver::settings(BatchConfig::default());
+    seen_by(&detecting(), &settings.budget, &pictures, |_| None)
+}
+
+/// What they show to an estimator, within the outlines that are given.
+fn seen_by(
+    estimator: &Estimator,
+    budget: &Budget,
+    pictures: &[(RgbImage, BallView, Rotation)],
+    given: impl Fn(usize) -> Option<BallCircle>,
+) -> (Vec<FrameEstimate>, Vec<PaintedFrame>) {
+    let mut workspace = estimator.workspace();
     let observer = SurfaceObserver::default();
-    let seen = pictures.into_iter().map(|(image, ..)| {
+    let seen = pictures.iter().enumerate().map(|(k, (image, ..))| {
         let mut found = FrameEstimate::default();
-        let prior = Prior::default();
-        estimator.estimate(&image, &prior, &settings.budget, &mut workspace, &mut found);
+        let prior = Prior {
+            outline: given(k).map(OutlinePrior::given),
+            ..Prior::default()
+        };
+        estimator.estimate(image, &prior, budget, &mut workspace, &mut found);
         let balls = [BallEstimate::of(found, 0)];
-        let shown = observer.keep(&image, &balls).unwrap();
+        let shown = observer.keep(image, &balls).unwrap();
         let [ball] = balls;
         (ball.frame, shown)
     });
@@ -223,6 +235,40 @@ fn a_ball_is_built_from_what_its_frames_show_and_print_is_no_dot() {
         Err(UnknownRejection::NotCovered { .. } | UnknownRejection::TurnedAway { .. })
     );
     assert!(is_of_sides, "{found:?}");
+}
+
+/// Fingers and shade draw wrong outlines; no table says which is the ball's.
+#[test]
+fn wrong_outlines_are_mended_by_the_dots_that_they_show() {
+    let truth = crate::common::random_pattern(16, 36);
+    let pictures = pictures(&truth, &[], &[Vec3::x(), Vec3::y()]);
+    let config = CalibrationConfig::default();
+    let settings = SurfaceObserver::settings(BatchConfig::default());
+    let (frames, _) = seen_by(&detecting(), &settings.budget, &pictures, |_| None);
+    // Too small by an eighth, and beside the ball by as much, in turn to all sides.
+    let wrong = |k: usize| {
+        let circle = frames[k].outline?.circle;
+        let off = 0.12 * circle.radius;
+        let angle = 0.7 * k as f64;
+        let center = Pixel {
+            u: circle.center.u + off * angle.cos(),
+            v: circle.center.v + off * angle.sin(),
+        };
+        Some(BallCircle::new(center, circle.radius - off))
+    };
+    let known = KnownDots::Nothing;
+    let (frames, shown) = seen_by(&detecting(), &settings.budget, &pictures, wrong);
+    let first = survey(&frames, &shown, &known, &config).unwrap();
+    let likely = first.likely.expect("dots that are likely");
+    assert!(worst(&likely, &truth).is_none_or(|w| w.to_degrees() > 2.0));
+
+    let detector = DetectorName::Cnn.build().unwrap();
+    let estimator = Estimator::new(&likely, EstimatorConfig::default(), detector).unwrap();
+    let (frames, shown) = seen_by(&estimator, &Budget::default(), &pictures, |_| None);
+    let second = survey(&frames, &shown, &known, &config).unwrap();
+    let built = second.pattern.expect("a pattern").pattern;
+    let off = worst(&built, &truth).map(f64::to_degrees);
+    assert!(off.is_some_and(|w| w < 1.0), "{off:?} deg");
 }
 
 #[test]
