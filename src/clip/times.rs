@@ -137,3 +137,29 @@ fn input_times(video: Option<VideoClock>, frames: &mut [BatchFrame]) -> TimeSour
     frames.iter_mut().for_each(|f| f.time_s = None);
     problem
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Five frames in 40 ms: four steps of 10 ms.
+    #[test]
+    fn a_rate_is_that_of_the_steps() {
+        let frame = |k: u32| BatchFrame {
+            name: k.to_string(),
+            path: PathBuf::new(),
+            time_s: Some(7.0 + 0.01 * f64::from(k)),
+            first_row_s: None,
+            balls: Vec::new(),
+            size: None,
+            unreadable: None,
+            kept: (),
+        };
+        let mut frames: Vec<BatchFrame> = (0..5).map(frame).collect();
+        let source = set_times(&FrameClock::Inputs, (None, false), &mut frames);
+        let Ok(TimeSource::Names { fps: Some(fps) }) = source else {
+            panic!("{source:?}");
+        };
+        assert!((fps - 100.0).abs() < 1e-6, "{fps}");
+    }
+}

@@ -85,6 +85,27 @@ fn powers<const N: usize>(t: f64) -> [f64; N] {
 mod tests {
     use super::*;
 
+    /// Four of eleven values, all at one end, turn the line of least squares; beside the median of all they do not count from the first
+    /// fit on.
+    #[test]
+    fn a_fit_that_starts_level_does_not_follow_what_is_far_off() {
+        let points: Vec<(f64, f64)> = (0..11)
+            .map(|k| (f64::from(k) - 5.0, if k > 6 { 100.0 } else { 2.0 }))
+            .collect();
+        let once = |starts_level: bool| {
+            let fit = Reweighting {
+                fits: 1,
+                reach: 7.0,
+                least: 0.1,
+                starts_level,
+            };
+            fit.value_at_zero::<2>(&points).expect("a value").value
+        };
+        assert!((once(true) - 2.0).abs() < 1e-9, "{}", once(true));
+        // The mean of all.
+        assert!((once(false) - 414.0 / 11.0).abs() < 1e-9, "{}", once(false));
+    }
+
     #[test]
     fn a_value_is_that_of_most_points() {
         let even = Reweighting {

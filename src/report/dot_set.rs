@@ -234,3 +234,56 @@ pub(super) fn draw(path: &Path, ball: &Ball, add: Option<&DotPlace>) -> Result<(
     };
     pattern_views(path, &Pattern::new(dots.chain(added).collect())?, &view)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Rotation;
+    use crate::vision::frame::estimate::Pose;
+    use crate::vision::optics::camera::{BallCircle, Pixel};
+
+    /// A residual is that along both axes, a view's noise that along one: residuals of 5 px are noise of 5 px over the root of two.
+    #[test]
+    fn a_clips_noise_is_that_of_one_axis() {
+        let pose = Pose {
+            rotation: Rotation::identity(),
+            covariance: nalgebra::Matrix3::identity(),
+            dots_confidence: 1.0,
+            confidence: 1.0,
+            residual_rad: 0.1,
+            residual_px: 5.0,
+            distance: None,
+            view: None,
+            position: None,
+            hinted: false,
+        };
+        let frame = FrameEstimate {
+            circle: Some(BallCircle::new(Pixel { u: 60.0, v: 60.0 }, 50.0)),
+            outcome: Ok(pose),
+            ..FrameEstimate::default()
+        };
+        let calibration = Calibration {
+            dots: Vec::new(),
+            marks: Vec::new(),
+            frames: vec![frame; 3],
+            with_ball: 3,
+            fitted: 3,
+            with_rivals: 0,
+            noise_scale: 1.0,
+            smooth: false,
+            inverse_distance: None,
+            axis_rad: None,
+            detection_rate: 0.9,
+        };
+        let view = clip_view(&calibration).expect("frames with poses");
+        let Noise::Pixel {
+            sigma_px,
+            radius_px,
+        } = view.noise
+        else {
+            panic!("{:?}", view.noise);
+        };
+        assert!((sigma_px - 3.535_533_9).abs() < 1e-6, "{sigma_px}");
+        assert_eq!(radius_px, 50.0);
+    }
+}

@@ -159,6 +159,33 @@ mod tests {
         }
     }
 
+    /// Covariances that are unlike about the axes, of the earlier and of the later orientation, against differences of the spin.
+    #[test]
+    fn the_covariance_of_either_orientation_counts_about_its_own_axes() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(61);
+        let pair = noisy(&mut rng, 0.0, &Vec3::new(900.0, -700.0, 1100.0));
+        let variances = [Vec3::new(1e-6, 9e-6, 4e-6), Vec3::new(25e-6, 1e-6, 2e-6)];
+        let covariances = variances.map(|v| Matrix3::from_diagonal(&v));
+        let (fit, _) = fit_pair(&pair, &covariances, None, 300.0).expect("a spin");
+        let mut expected = Matrix3::zeros();
+        for (k, variance) in variances.iter().enumerate() {
+            for axis in 0..3 {
+                let spin = |angle: f64| {
+                    let mut turned = pair;
+                    let error = Vec3::from_fn(|i, _| if i == axis { angle } else { 0.0 });
+                    turned[k].orientation = Rotation::from_scaled_axis(error) * pair[k].orientation;
+                    let found = slowest(&turned, &covariances, None, 300.0);
+                    found.expect("a spin").motion.spin
+                };
+                let slope = (spin(1e-5) - spin(-1e-5)) / 2e-5;
+                expected += slope * slope.transpose() * variance[axis];
+            }
+        }
+        let found = fit.spin_covariance.expect("a covariance");
+        let off = (found - expected).amax() / expected.amax();
+        assert!(off < 1e-6, "{found} {expected}");
+    }
+
     /// Poses that are wrong by a drawn field of errors over the ball's sides, and by a view frame whose turn is wrong.
     #[test]
     fn the_covariance_has_what_two_poses_share() {

@@ -173,3 +173,30 @@ impl SurfaceMap {
         self.steep = steep;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of a value that grows along a line through the ball, `m = a . p`: the slope on the ball is what of `a` lies across `p`, and turns it
+    /// by `p x a`.
+    #[test]
+    fn the_slope_of_an_even_growth_is_its_own() {
+        let grid = PlaceGrid::default();
+        let mut map = SurfaceMap::unknown();
+        let along = Vec3::new(0.3, -0.5, 0.2);
+        for (k, place) in grid.directions.iter().enumerate() {
+            map.values[k] = along.dot(place) as f32;
+            map.weights[k] = 1.0;
+        }
+        map.slope(&grid);
+        // At the ends of the spiral neighbors do not lie evenly about a place.
+        let (mut found, mut all) = (0.0, 0.0);
+        for (place, turn) in grid.directions.iter().zip(&map.turns) {
+            let expected = place.cross(&along);
+            found += expected.dot(&Vec3::from(turn.map(f64::from)));
+            all += expected.norm_squared();
+        }
+        assert!((found / all - 1.0).abs() < 0.02, "{}", found / all);
+    }
+}

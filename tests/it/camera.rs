@@ -1,9 +1,10 @@
 //! Patterns before a camera: signals against rendered images, better cameras, races, and the commands
 //! that take a camera.
 
+use rand::{RngExt, SeedableRng};
 use spindoe::camera::{
-    CameraConditions, CameraTrials, DotSize, FrameRates, RaceConfig, Racer, Surroundings, coverage,
-    race_patterns,
+    CameraConditions, CameraTrials, DotSize, ErrorRatio, FrameOutcome, FrameRates, RaceConfig,
+    Racer, Surroundings, coverage, race_patterns,
 };
 use spindoe::pattern::shipped_designs;
 use spindoe::synth::sensor::Sensor;
@@ -152,6 +153,8 @@ fn spins_of_sequences_come_with_their_errors() {
         "{short:?}\n{long:?}"
     );
     assert!(long.median_magnitude_error_rps < short.median_magnitude_error_rps);
+    // In the frame in which a ball off the camera's axis is seen: that frame is turned by a degree and more.
+    assert!(long.median_axis_error_deg < 0.6, "{long:?}");
     assert!(spins(1).is_err());
 }
 
@@ -202,6 +205,46 @@ fn the_command_advises_and_names_what_it_cannot_use() {
         assert!(
             low < ratio["ratio"].as_f64().unwrap() && low < high,
             "{change}"
+        );
+    }
+    // A larger ball, by itself: as its frames say, with an interval that holds beside those of the other changes.
+    let all = advice["changes"].as_array().unwrap();
+    let larger = all.iter().find(|c| {
+        c["change"]
+            .as_str()
+            .unwrap()
+            .starts_with("ball of 68 pixels")
+    });
+    let larger = larger.expect("a ball of 68 pixels");
+    let best = &patterns[0];
+    let own = CameraConditions {
+        dot_diameter: best["dot_diameter"].as_f64().unwrap(),
+        ..serde_json::from_value(advice["conditions"].clone()).unwrap()
+    };
+    let designs = shipped_designs().unwrap();
+    let design = designs.iter().find(|d| best["name"] == *d.name).unwrap();
+    let seed = best["frames"]["seed"].as_u64().unwrap();
+    let half = frames as u64 / 2;
+    let seen = |conditions| {
+        let trials = CameraTrials::new(conditions, seed);
+        trials
+            .frames(&design.pattern, half..2 * half, &|_| ())
+            .unwrap()
+    };
+    let ball_px = 1.5 * own.ball_px;
+    let (unchanged, changed) = (seen(own), seen(CameraConditions { ball_px, ..own }));
+    let rates: FrameRates = serde_json::from_value(larger["frames"].clone()).unwrap();
+    assert_eq!(rates.right, FrameRates::of(&changed, seed).right);
+    let ratio = ErrorRatio::of(&unchanged, &changed, all.len()).unwrap();
+    for (end, expected) in [
+        ("ratio", ratio.ratio),
+        ("low", ratio.low),
+        ("high", ratio.high),
+    ] {
+        let found = larger["error_ratio"][end].as_f64().unwrap();
+        assert!(
+            (found - expected).abs() < 1e-9,
+            "{end}: {found}, expected {expected}"
         );
     }
     for (text, flags, expected) in [
@@ -371,4 +414,29 @@ fn sensitivity_and_simulation_take_a_camera() {
         (found["rps"].as_f64().unwrap() - rps).abs() < 1.0,
         "{found}"
     );
+}
+
+/// Of frames that are right with 0.8 and wrong with 0.05, off by errors of the mean square `s^2` where they are right, the effective error is
+/// `s / sqrt(0.8 - 2 * 0.05)`: the 95 % interval holds it in 95 % of the samples.
+#[test]
+fn an_effective_errors_interval_holds_it_as_often_as_it_says() {
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(61);
+    let (s, samples): (f64, usize) = (0.05, 400);
+    let effective_deg = (s / 0.7f64.sqrt()).to_degrees();
+    let mut held = 0;
+    for _ in 0..samples {
+        let outcome = |_| match rng.random::<f64>() {
+            u if u < 0.8 => FrameOutcome::Answered {
+                error_rad: s * (-(1.0 - rng.random::<f64>()).ln()).sqrt(),
+            },
+            u if u < 0.85 => FrameOutcome::Answered { error_rad: 1.0 },
+            _ => FrameOutcome::Unanswered,
+        };
+        let outcomes: Vec<FrameOutcome> = (0..300).map(outcome).collect();
+        let interval = FrameRates::of(&outcomes, 0).effective_error_interval_deg;
+        let [low, high] = interval.expect("most are right");
+        held += usize::from((low..high).contains(&effective_deg));
+    }
+    // 95 % of 400 are 380, with a deviation of 4.4.
+    assert!((364..=395).contains(&held), "{held} of {samples}");
 }

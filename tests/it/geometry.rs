@@ -204,3 +204,21 @@ fn random_rotations_have_the_haar_angle_distribution() {
     // Kolmogorov-Smirnov: 1.95 / sqrt(n) is passed once in a thousand seeds.
     assert!(worst < 1.95 / (n as f64).sqrt(), "{worst}");
 }
+
+/// By hand: a quarter turn about z takes x to y and y to -x.
+#[test]
+fn a_position_turns_with_all_that_is_known_of_it() {
+    let position = Position {
+        center_m: Vec3::new(1.0, 2.0, 3.0),
+        covariance: Matrix3::from_diagonal(&Vec3::new(4.0, 5.0, 6.0)),
+        with_rotation: Some(Matrix3::new(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0)),
+    };
+    let quarter = Rotation::from_axis_angle(&Vec3::z_axis(), std::f64::consts::FRAC_PI_2);
+    let turned = position.turned(&quarter);
+    assert!((turned.center_m - Vec3::new(-2.0, 1.0, 3.0)).amax() < 1e-14);
+    let expected = Matrix3::from_diagonal(&Vec3::new(5.0, 4.0, 6.0));
+    assert!((turned.covariance - expected).amax() < 1e-14);
+    let expected = Matrix3::new(5.0, -4.0, -6.0, -2.0, 1.0, 3.0, -8.0, 7.0, 9.0);
+    let found = turned.with_rotation.expect("as before");
+    assert!((found - expected).amax() < 1e-14, "{found}");
+}

@@ -841,3 +841,49 @@ fn an_eggbot_draws_steps_as_they_are() {
             .contains("mm\"")
     );
 }
+
+/// Words of a DXF file that are not set from their left end stand at their second point (group codes 11 and 21): on their own page, beside
+/// those before it.
+#[test]
+fn words_of_a_dxf_file_stand_on_their_own_page() {
+    let own = GoreConfig {
+        page: PageSize::A4,
+        ..GoreConfig::default()
+    };
+    let largest = BALLS_MM.into_iter().fold(0.0, f64::max);
+    let drawing = gores(&pattern(20), &config(largest), &own).unwrap();
+    assert!(drawing.pages.len() > 1, "{largest} mm");
+    let (mut left, mut expected) = (0.0, Vec::new());
+    for page in &drawing.pages {
+        for item in &page.items {
+            if let Shape::Text { at, words, .. } = &item.shape {
+                expected.push((left + at.x, at.y, words.replace('°', "%%d")));
+            }
+        }
+        left += page.width_mm + 10.0;
+    }
+    let text = dxf_text(&drawing);
+    let lines: Vec<&str> = text.lines().collect();
+    let groups: Vec<(u16, &str)> = lines
+        .chunks_exact(2)
+        .map(|pair| (pair[0].trim().parse().unwrap(), pair[1]))
+        .collect();
+    let starts = (0..groups.len()).filter(|k| groups[*k] == (0, "TEXT"));
+    let found: Vec<(f64, f64, String)> = starts
+        .map(|k| {
+            let of = |code: u16| groups[k + 1..].iter().find(|g| g.0 == code).unwrap().1;
+            let number = |code: u16| of(code).parse::<f64>().unwrap();
+            let [x, y] = match of(72) {
+                "0" => [10, 20].map(number),
+                _ => [11, 21].map(number),
+            };
+            (x, y, of(1).to_owned())
+        })
+        .collect();
+    assert_eq!(found.len(), expected.len());
+    for (found, expected) in found.iter().zip(&expected) {
+        assert_eq!(found.2, expected.2);
+        let off = (found.0 - expected.0).hypot(found.1 - expected.1);
+        assert!(off < 1e-3, "{found:?}, expected {expected:?}");
+    }
+}

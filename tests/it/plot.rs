@@ -315,6 +315,12 @@ fn perfect_rates_have_an_axis() {
         numbers.sort_by(f64::total_cmp);
         numbers.dedup();
         assert!(numbers.len() >= 3, "{numbers:?}");
+        // Successes lie at 100 %, failures at none.
+        let end = match scale {
+            RateScale::Success => 100.0,
+            RateScale::Failure => 0.0,
+        };
+        assert!(numbers.contains(&end), "{numbers:?}");
     }
 }
 
@@ -646,4 +652,44 @@ fn the_fonts_are_parts_of_the_whole_ones() {
         }
         assert!(moved > 50, "{name}: {moved}");
     }
+}
+
+/// A dot up and to the right of the ball's middle is drawn there.
+#[test]
+fn views_of_a_recognition_have_y_up() {
+    use spindoe::geometry::Rotation;
+    use svg::parser::Event;
+    let (dir, _aside) = folder();
+    let path = dir.join("upright.svg");
+    let dot = Vec3::new(0.48, 0.6, 0.64);
+    let view = RecognitionView {
+        caption: "upright".into(),
+        visibility_limit: 0.0,
+        observed: vec![dot],
+        truth: Rotation::identity(),
+        answer: None,
+    };
+    let pattern = Pattern::new(spiral_directions(12).collect()).unwrap();
+    recognition_views(&path, "upright", &pattern, &[view]).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let circles = svg::read(&text).unwrap().filter_map(|event| match event {
+        Event::Tag("circle", _, of) => {
+            let at = ["cx", "cy", "r"].map(|name| of[name].parse::<f64>().unwrap());
+            Some((at, *of["fill"] != *"none"))
+        }
+        _ => None,
+    });
+    let circles: Vec<([f64; 3], bool)> = circles.collect();
+    let [u, v, radius] = circles
+        .iter()
+        .map(|c| c.0)
+        .max_by(|a, b| a[2].total_cmp(&b[2]))
+        .unwrap();
+    let is_at = |y: f64| {
+        let off = |at: &[f64; 3]| (at[0] - u - radius * dot.x).hypot(at[1] - v - radius * y);
+        circles
+            .iter()
+            .any(|(at, filled)| *filled && off(at) < 0.02 * radius)
+    };
+    assert!(is_at(-dot.y) && !is_at(dot.y), "{circles:?}");
 }

@@ -1380,3 +1380,77 @@ fn pieces_come_and_go_with_their_stencil() {
         );
     }
 }
+
+/// The bore of the printed knuckles is wider than the screw by the allowance, across.
+#[test]
+fn the_bore_is_as_wide_as_screw_and_allowance() {
+    let pattern = Pattern::new(spiral_directions(12).collect()).unwrap();
+    let config = StencilConfig {
+        screw_diameter_mm: 2.5,
+        bore_allowance_mm: 0.4,
+        numbers: false,
+        ..StencilConfig::default()
+    };
+    let stencil = Stencil::build(&pattern, &config).unwrap();
+    for name in HalfName::BOTH {
+        let mesh = stencil.placed_half(name, 0.0);
+        let knuckles = mesh
+            .vertices
+            .iter()
+            .filter(|v| v.y.abs() <= 0.5 * config.hinge_length_mm);
+        let off_axis = knuckles.map(|v| (v.x - stencil.joint().axis_mm).hypot(v.z));
+        let bore = off_axis.fold(f64::INFINITY, f64::min);
+        assert!((bore - 1.45).abs() < 0.03, "{bore} mm");
+    }
+}
+
+/// Each ring states its own clearance, where it can be read: the strokes in the upper and the lower half of a 2, 3 and 5 lie to one side, a
+/// 0 is open in its middle, a 1 has its stroke there.
+#[test]
+fn rings_of_the_coupon_state_their_clearance() {
+    let config = StencilConfig::default();
+    let rings = coupon(&config).unwrap();
+    let pitch = config.ball_diameter_mm + 2.0 * (0.5 + config.wall_mm) + 4.0;
+    let mut read = Vec::new();
+    for tenths in [0, 1, 2, 3, 5u32] {
+        let [x, y] = [tenths % 3, tenths / 3].map(|k| pitch * f64::from(k));
+        let own = rings.mapped(|v| v - Vec3::new(x, y, 0.0));
+        let seen = seen(&own);
+        let inner = 0.5 * config.ball_diameter_mm + 0.1 * f64::from(tenths);
+        let outer = inner + config.wall_mm;
+        // Rings are 6 mm high, their numbers half of that, in the middle of the front.
+        let sine = 3.0 / outer;
+        let front = Vec3::new(0.0, -(1.0 - sine * sine).sqrt(), sine);
+        let up = (Vec3::z() - front.z * front).normalize();
+        let is_engraved = |side: f64, above: f64| {
+            let p = (outer * front + 3.0 * (side * Vec3::x() + above * up)).normalize();
+            let start = inner + 0.5;
+            start + first_hit(&own, &seen, &(start * p), &p) < outer - 0.2
+        };
+        let middle = |above: f64| {
+            let sides = (-12..=12).map(|k| f64::from(k) * 0.03);
+            let engraved: Vec<f64> = sides.filter(|side| is_engraved(*side, above)).collect();
+            engraved.iter().sum::<f64>() / engraved.len() as f64
+        };
+        read.push((tenths, [middle(0.2), middle(-0.2)], is_engraved(0.0, 0.0)));
+    }
+    let side = |x: f64| match x {
+        x if x > 0.05 => 'r',
+        x if x < -0.05 => 'l',
+        x if x.abs() <= 0.05 => 'm',
+        _ => '?',
+    };
+    let words: Vec<String> = read
+        .iter()
+        .map(|(k, [above, below], inside)| {
+            format!("{k}{}{}{}", side(*above), side(*below), u8::from(*inside))
+        })
+        .collect();
+    let is = |k: usize, word: &str| assert!(words[k].starts_with(word), "{words:?} {read:?}");
+    is(0, "0mm0");
+    is(1, "1");
+    assert!(read[1].2, "{words:?}");
+    is(2, "2rl");
+    is(3, "3rr");
+    is(4, "5lr");
+}

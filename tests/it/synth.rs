@@ -12,7 +12,7 @@ use spindoe::synth::background::Background;
 use spindoe::synth::compression::Compression;
 use spindoe::synth::dataset::{ClipConfig, SynthSequence, frame_rng, frames, independent_frame};
 use spindoe::synth::folder::{self, Masks, Origin, Truth};
-use spindoe::synth::light::Light;
+use spindoe::synth::light::{Lamp, Light, Shadow};
 use spindoe::synth::pen::Spot;
 use spindoe::synth::sensor::Sensor;
 use spindoe::synth::{Rendering, Scene, SynthConfig, SynthKind};
@@ -898,4 +898,57 @@ fn the_axis_of_a_whole_picture_is_near_its_middle() {
     // Two coordinates of 16 pixels each.
     let sigma = (squares / (2 * count) as f64).sqrt();
     assert!((14.0..18.0).contains(&sigma), "{sigma}");
+}
+
+/// A pixel is full before it is read: of noise of the deviation `s` about white, cut at white, the mean is `1 - s / sqrt(2 pi)` however bright
+/// the light was.
+#[test]
+fn a_full_pixel_is_read_with_its_noise() {
+    let sensor = Sensor {
+        read_noise: 0.2,
+        has_color: false,
+        ..Sensor::PERFECT
+    };
+    let size = [200, 200];
+    for light in [1.0, 3.0] {
+        let image = sensor
+            .take(vec![[light; 3]; size[0] * size[1]], size, 61)
+            .unwrap();
+        let sum: f64 = image.values().iter().map(|c| f64::from(c[0])).sum();
+        let mean = sum / (size[0] * size[1]) as f64;
+        let expected = 1.0 - 0.2 / std::f64::consts::TAU.sqrt();
+        assert!(
+            (mean - expected).abs() < 4e-3,
+            "{light}: {mean}, expected {expected}"
+        );
+    }
+}
+
+/// A shadow lies on the side that it is stated for, and takes a lamp's light there and nowhere else.
+#[test]
+fn a_shadow_lies_where_it_is_stated() {
+    let mut scene = plain_scene(&six());
+    scene.surface.dots = vec![None; 6];
+    scene.light = Light {
+        ambient: [0.0; 3],
+        lamps: vec![Lamp {
+            from: Vec3::z(),
+            color: [1.0; 3],
+            gloss: 0.0,
+            sharpness: 8.0,
+        }],
+        shadow: Some(Shadow {
+            towards: Vec3::x(),
+            edge: 0.0,
+            softness: 0.01,
+            depth: 1.0,
+        }),
+        limb: 0.0,
+    };
+    let image = image(&scene);
+    let value = |u: usize| f64::from(image.values()[70 * scene.size[0] + u][0]);
+    // Half a radius off the middle the lamp shines on an albedo of 0.9 under 30 degrees.
+    let lit = 0.9 * 30f64.to_radians().cos();
+    assert!((value(39) - lit).abs() < 0.02, "{} of {lit}", value(39));
+    assert!(value(99) < 0.01, "{}", value(99));
 }

@@ -1,10 +1,12 @@
 //! The Monte Carlo loop: what it counts, and that it repeats itself.
 
+use spindoe::ball::Ball;
 use spindoe::pattern::Pattern;
+use spindoe::recognize::RecognizerName;
 use spindoe::recognize::observed::observed_frames;
 use spindoe::recognize::robust::RobustRecognizer;
-use spindoe::validate::{TrialResult, Trials, Validation};
-use spindoe::view::{ProtocolName, Trial};
+use spindoe::validate::{SensitivityConfig, TrialResult, Trials, Validation, sensitivity};
+use spindoe::view::{Protocol, ProtocolName, Trial};
 
 fn random_pattern(n: usize, seed: u64) -> Pattern {
     crate::common::spread_pattern(n, 0.0, seed)
@@ -98,4 +100,31 @@ fn no_trials_are_refused() {
     assert!(validate(&Trials::first(&pattern, name.view(), 1, 0), name).is_err());
     let wrong = name.view().with_sigma_rad(-1.0);
     assert!(validate(&Trials::first(&pattern, wrong, 1, 10), name).is_err());
+}
+
+/// A point of a sweep is a validation of the same views with noise of so many degrees on either axis.
+#[test]
+fn a_sweep_is_of_the_noise_that_it_states() {
+    let ball = Ball::new(random_pattern(16, 5));
+    let config = SensitivityConfig {
+        recognizers: vec![RecognizerName::Robust],
+        sigmas_deg: vec![4.0, 12.0],
+        alphas: Vec::new(),
+        samples: 200,
+        seed: 9,
+    };
+    let protocol = Protocol::standard(ProtocolName::Sparse);
+    let swept = sensitivity(&ball, &protocol, &config, None, &mut |_| Ok(())).expect("a sweep");
+    assert_eq!(swept.len(), 2);
+    for (point, sigma_deg) in swept.iter().zip([4.0f64, 12.0]) {
+        assert_eq!(point.value, sigma_deg);
+        let view = ProtocolName::Sparse
+            .view()
+            .with_sigma_rad(sigma_deg.to_radians());
+        let trials = Trials::first(ball.pattern(), view, 9, 200);
+        let recognizer = RobustRecognizer::new(ball.pattern(), view.into()).expect("a recognizer");
+        let results = trials.run(&recognizer, &|_| {}).expect("trials");
+        let own = Validation::of(&results, ProtocolName::Sparse, &trials).untimed();
+        assert_eq!(point.result.validation.clone().untimed(), own);
+    }
 }

@@ -1,8 +1,9 @@
 //! What a view model draws, against its closed forms.
 
+use nalgebra::Matrix2;
 use spindoe::geometry::angle_between;
 use spindoe::validate::Trials;
-use spindoe::view::{Detection, FalseDots, Noise, Trial, ViewModel};
+use spindoe::view::{Detection, DotUncertainty, FalseDots, Noise, Trial, ViewModel};
 
 #[test]
 fn trials_are_what_the_model_says() {
@@ -53,4 +54,21 @@ fn trials_are_what_the_model_says() {
         (found / expected - 1.0).abs() < 0.03,
         "{found} of {expected}"
     );
+}
+
+/// Independent errors add their variances: 3, 4, 5.
+#[test]
+fn further_errors_of_a_dot_add_their_variances() {
+    let wider = DotUncertainty::Isotropic { sigma_rad: 0.03 }.widened(0.04);
+    let DotUncertainty::Isotropic { sigma_rad } = wider else {
+        panic!("{wider:?}");
+    };
+    assert!((sigma_rad - 0.05).abs() < 1e-15, "{sigma_rad}");
+    let covariance = Matrix2::new(9e-4, 2e-4, 2e-4, 1e-4);
+    let wider = DotUncertainty::Tangent { covariance }.widened(0.04);
+    let DotUncertainty::Tangent { covariance } = wider else {
+        panic!("{wider:?}");
+    };
+    let expected = Matrix2::new(25e-4, 2e-4, 2e-4, 17e-4);
+    assert!((covariance - expected).amax() < 1e-15, "{covariance}");
 }

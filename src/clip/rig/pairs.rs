@@ -179,6 +179,33 @@ pub(super) struct PlacedBall {
 mod tests {
     use super::*;
 
+    /// The variance of a straight line's value at a time, by least squares: `s^2 (1 / n + (t - m)^2 / sum (t_i - m)^2)`.
+    #[test]
+    fn a_place_is_less_certain_at_the_ends_of_its_line() {
+        let at = |k: usize| {
+            let reading = CameraReading {
+                rotation: None,
+                center_m: Some(Vec3::new(2.0 * k as f64, 0.0, -1.0)),
+                covariance: nalgebra::Matrix6::identity() * 0.09,
+                confidence: 0.9,
+                hinted: false,
+            };
+            (k as f64, reading)
+        };
+        let track = CameraTrack {
+            readings: (0..5).map(at).collect(),
+            fit: None,
+        };
+        // Of the readings at 1, 2, 3 and 4 none is later: the four before the time count.
+        let end = track.place(4.5).expect("a place");
+        assert!((end.center_m - Vec3::new(9.0, 0.0, -1.0)).norm() < 1e-12);
+        assert!((end.velocity_m_s - Vec3::new(2.0, 0.0, 0.0)).norm() < 1e-12);
+        let expected = 0.09 * (0.25 + 4.0 / 5.0);
+        assert!((end.variance - expected).abs() < 1e-12, "{}", end.variance);
+        assert!((end.velocity_variance - 0.09 / 5.0).abs() < 1e-12);
+        assert!(track.place(6.1).is_none());
+    }
+
     #[test]
     fn the_nearest_frames_go_together() {
         let left = vec![0.0, 0.01, 0.02, 0.03];

@@ -176,3 +176,31 @@ fn gain(best: &Extended<'_>, config: &DotSetConfig, places: usize) -> Result<Nex
         gain: PairedDifference::new(pairs),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::Constraints;
+    use crate::view::ProtocolName;
+
+    /// Trials that chose a place would flatter it.
+    #[test]
+    fn a_gain_is_measured_on_trials_that_did_not_choose() {
+        let base = Pattern::new(spiral_directions(7).collect()).expect("a pattern");
+        let config = DotSetConfig {
+            view: ProtocolName::Sparse.view(),
+            samples: 30,
+            seed: 5,
+            constraints: Constraints::default(),
+            avoided: Vec::new(),
+        };
+        let next = next_dot(&base, &config).expect("trials").expect("room");
+        assert!(next.seed != config.seed && next.seed != config.seed ^ CHOICE);
+        // What is stated of that seed's trials is so, and on twice as many.
+        let extended =
+            Extended::new(&base, Vec3::from(next.direction), config.view).expect("a pattern");
+        let all: Vec<u64> = (0..60).collect();
+        assert_eq!(next.after.successes, extended.right(next.seed, &all) as u64);
+        assert_eq!(next.after.trials, 60);
+    }
+}

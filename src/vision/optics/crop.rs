@@ -66,3 +66,27 @@ impl Images {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pixels are counted from their middles: of 9 x 5 the middle is that of the pixel (4, 2).
+    #[test]
+    fn the_middle_of_a_frame_is_that_of_its_middle_pixel() {
+        let frame = GrayImage::new(9, 5, vec![0.5; 45]).expect("an image");
+        let part = Roi {
+            left: 2,
+            top: 1,
+            width: 6,
+            height: 4,
+        };
+        let middle = |level| {
+            let seen = ImageView::Gray(&frame);
+            Images::default().view(seen, &part, level, |crop| crop.middle())
+        };
+        assert_eq!(middle(0), Pixel { u: 2.0, v: 1.0 });
+        // A pixel of the half image has its middle between two of the whole one.
+        assert_eq!(middle(1), Pixel { u: 0.75, v: 0.25 });
+    }
+}

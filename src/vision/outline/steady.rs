@@ -98,6 +98,22 @@ mod tests {
     use super::*;
     use crate::vision::optics::camera::Pixel;
 
+    /// A ball at rest whose outlines scatter along the rows alone: its center is as uncertain as there.
+    #[test]
+    fn a_center_is_as_uncertain_as_along_its_worse_axis() {
+        let off = |k: usize| [0.0, 1.2, -0.8, 0.4, -1.6, 0.8, -0.4, 1.6, -1.2][k % 9];
+        let circle = |u: f64, v: f64| Some((BallCircle::new(Pixel { u, v }, 50.0), 0.1));
+        let sigma = |of: &dyn Fn(usize) -> Option<(BallCircle, f64)>| {
+            let circles: Vec<_> = (0..36).map(of).collect();
+            steady(&circles)[18].expect("an outline").1
+        };
+        let along_rows = sigma(&|k| circle(80.0 + off(k), 60.0));
+        let along_columns = sigma(&|k| circle(80.0, 60.0 + off(k)));
+        // A deviation of about 1 px over the root of 36 outlines.
+        assert!((0.08..0.4).contains(&along_rows), "{along_rows}");
+        assert!((along_rows - along_columns).abs() < 1e-12);
+    }
+
     #[test]
     fn a_ball_on_a_straight_path_is_found_in_spite_of_outlines_that_are_far_off() {
         let truth = |k: usize| (100.0 + 1.5 * k as f64, 60.0 - 0.5 * k as f64);

@@ -270,8 +270,25 @@ fn frames_that_take_no_part_fit_better() {
         ..ClipConfig::default()
     };
     let clip = identified(&pattern, &dots, &clip);
-    let judged = held_out(&pattern, &clip.frames, None, &CalibrationConfig::default()).unwrap();
+    let config = CalibrationConfig::default();
+    let judged = held_out(&pattern, &clip.frames, None, &config).unwrap();
     assert_eq!((judged.folds, judged.frames.len()), (5, 40));
+    // Every fifth frame, by what the four others between two of these say of the ball.
+    let all = || clip.frames.iter().enumerate();
+    let kept: Vec<FrameEstimate> = all()
+        .filter(|(k, _)| k % 5 != 2)
+        .map(|f| f.1.clone())
+        .collect();
+    let unseen: Vec<FrameEstimate> = all()
+        .filter(|(k, _)| k % 5 == 2)
+        .map(|f| f.1.clone())
+        .collect();
+    let others = calibrate(&pattern, &kept, None, &config).unwrap().unwrap();
+    let found = identify_frames(&others.ball(None).unwrap(), &config.estimator, &unseen).unwrap();
+    for (frame, found) in judged.frames.iter().skip(2).step_by(5).zip(&found) {
+        let after = frame.after.map(|after| after.residual_deg);
+        assert_eq!(after, found.pose().map(|p| p.residual_rad.to_degrees()));
+    }
     let [before, after] = judged.median_deg;
     assert!(after < 0.6 * before, "{before} {after}");
     let [before, after] = judged.mean_matched;

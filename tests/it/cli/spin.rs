@@ -297,6 +297,12 @@ fn a_simulated_flight_comes_back_with_its_decay_and_a_plot() {
     let output = run(&["spin", &csv, "--motion=constant"]);
     let words = String::from_utf8(output.stdout).unwrap();
     assert!(words.contains("lack of fit: parts"), "{words}");
+    // Deviations differ by the root of what variances do.
+    let json = run(&["spin", &csv, "--motion=constant", "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
+    let ratio = json["lack_of_fit"].as_f64().unwrap();
+    let times = format!("differ {:.1} times as much", ratio.sqrt());
+    assert!(words.contains(&times), "{times}: {words}");
     let message = String::from_utf8(output.stderr).unwrap();
     let is_said = words.contains("as if the times were off");
     assert!(

@@ -16,7 +16,9 @@ use spindoe::geometry::{
 use spindoe::pattern::Pattern;
 use spindoe::recognize::observed::{ObservedFrame, observed_frames};
 use spindoe::recognize::robust::{RobustConfig, RobustRecognizer};
-use spindoe::recognize::stream::{FrameAnswer, LearnedView, LearningConfig, identify_learning};
+use spindoe::recognize::stream::{
+    FrameAnswer, LearnedView, LearningConfig, LearningOrder, identify_learning,
+};
 use spindoe::recognize::{Hint, ORIENTATION_FAILURE_RAD, Recognizer};
 use spindoe::validate::Trials;
 use spindoe::view::{
@@ -504,4 +506,39 @@ fn a_hint_that_explains_some_dots_does_not_end_the_search() {
         assert!(off < 5.0, "{off} deg off");
     }
     assert!(tried >= 5, "{tried}");
+}
+
+/// One frame has no others to learn from, and none confirms itself: learned from in advance or not at all, its answer is the same.
+#[test]
+fn a_frame_alone_does_not_confirm_itself() {
+    let ball = Ball::new(crate::common::random_pattern(12, 5));
+    let view = ProtocolName::Clutter.view();
+    let frames = observed_frames(ball.pattern(), &view, 17, 8);
+    let mut compared = 0;
+    for frame in frames {
+        let answer = |order| {
+            let mut answers = Answers::default();
+            let learning = LearningConfig {
+                order,
+                ..LearningConfig::default()
+            };
+            let frames = [Ok(frame.clone())].into_iter();
+            let base = RobustConfig::default();
+            identify_learning(
+                &ball,
+                &base,
+                &learning,
+                frames,
+                NonZero::<usize>::MIN,
+                &mut answers,
+            )
+            .unwrap();
+            let one = answers.0.pop().unwrap();
+            one.identification().map(|i| i.confidence)
+        };
+        let in_advance = answer(LearningOrder::InAdvance);
+        assert_eq!(in_advance, answer(LearningOrder::AsTheyCome));
+        compared += usize::from(in_advance.is_some());
+    }
+    assert!(compared > 4, "{compared}");
 }

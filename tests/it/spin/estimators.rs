@@ -7,10 +7,12 @@ use std::f64::consts::TAU;
 use proptest::prelude::*;
 use rayon::prelude::*;
 use spindoe::geometry::{Rotation, Vec3, random_direction, random_rotation};
+use spindoe::spin::alias::AliasConfig;
 use spindoe::spin::motion::ConstantSpin;
 use spindoe::spin::quatera::{QuateraConfig, QuateraEstimator};
 use spindoe::spin::robust::{MagnitudePrior, RobustEstimator, SpinConfig};
 use spindoe::spin::simulate::{Drops, Scenario, SimulatedSequence, stream};
+use spindoe::spin::summary::SpinSummary;
 use spindoe::spin::{Fit, Measurement, SpinRejection};
 use spindoe::validate::Proportion;
 
@@ -518,4 +520,42 @@ fn what_no_estimator_can_use_is_refused() {
         matches!(silent, SpinRejection::Measurement { index: 1, .. }),
         "{silent}"
     );
+}
+
+/// A clock that is off by a share makes a spin longer or shorter by as much, and turns it by nothing.
+#[test]
+fn a_clock_of_unknown_rate_leaves_the_axis_as_it_is() {
+    let spin = Vec3::new(30.0, -60.0, 120.0);
+    let mut measurements = exact(&motion(spin, 61), 40);
+    let mut rng = stream(61, 1);
+    for m in &mut measurements {
+        let error = random_direction(&mut rng) * 0.01;
+        m.orientation = Rotation::from_scaled_axis(error) * m.orientation;
+    }
+    let fit = |clock_rate_std: f64| {
+        let config = SpinConfig {
+            clock_rate_std,
+            ..SpinConfig::default()
+        };
+        RobustEstimator::new(config).fit(&measurements).unwrap()
+    };
+    let (exact, off) = (fit(0.0), fit(0.02));
+    let added = off.spin_covariance.unwrap() - exact.spin_covariance.unwrap();
+    let found = exact.motion.spin;
+    let expected = found * found.transpose() * 0.02f64.powi(2);
+    let far = (added - expected).amax() / expected.amax();
+    assert!(far < 1e-3, "{added} {expected}");
+}
+
+/// How far off the orientations are is said of those that follow the spin.
+#[test]
+fn a_residual_is_that_of_the_orientations_that_agree() {
+    let mut measurements = exact(&motion(Vec3::new(20.0, 90.0, -40.0), 62), 30);
+    for k in [4, 17, 23] {
+        measurements[k].orientation = random_rotation(&mut stream(62, k as u64));
+    }
+    let fit = robust(&measurements).unwrap();
+    assert_eq!(fit.inliers, 27);
+    let summary = SpinSummary::new(&measurements, &fit, &AliasConfig::default(), 30);
+    assert!(summary.residual_rad < 1e-3, "{}", summary.residual_rad);
 }
