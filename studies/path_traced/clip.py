@@ -28,7 +28,7 @@ import scene as scenes
 import sensor
 import tracer
 import truth
-from camera import Array, Camera, outline, place
+from camera import Array, Camera, outline
 from render import BALL_SAMPLES, MAX_SAMPLES, MIN_SAMPLES, ball_mask
 from scene import Scene, stream
 

@@ -3,10 +3,10 @@
     python score_turned.py traced/turned/*
     python score_turned.py --no-count traced/turned/*
 
-runs `spindoe calibrate FOLDER/images` (`--dots N` with the true number unless `--no-count`; `--marks` by the truth where the command asks
-for them and `--marks-named` is given) and prints a line for each clip, then rates with their Wilson 95 % intervals. A pattern is whole where each dot of
-the ball, and nothing else, has one of its own within a degree; a written pattern that is not whole is wrong. Patterns are compared after the rotation that
-fits them best.
+runs `spindoe calibrate FOLDER/images`, with `--dots` and the true number unless `--no-count`, and prints a line for
+each clip, then rates with their Wilson 95 % intervals. A pattern is whole where each dot of the ball, and nothing else,
+has one of its own within a degree; a written pattern that is not whole is wrong. Patterns are compared after the
+rotation that fits them best.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Outcome:
 
 
 def aligned(found: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The best one-to-one match under the best rotation: rows of found, of true, and the angles between them, degrees."""
+    """The best match under the best rotation: rows of found, of true, and the angles between them, degrees."""
     best = None
     rng = np.random.default_rng(0)
     # Pairs of dots fix a rotation; the one under which most dots meet is refined.
@@ -81,7 +81,9 @@ def judged(folder: Path, command: list[str], *, has_count: bool) -> Outcome:
         )
         is_shown = bool(shown.min() >= ENOUGH_FRAMES)
         if run.returncode != 0:
-            lines = [line for line in run.stderr.splitlines() if line.startswith("error")] or run.stderr.splitlines()[-1:]
+            lines = [line for line in run.stderr.splitlines() if line.startswith("error")] or run.stderr.splitlines()[
+                -1:
+            ]
             return Outcome(is_shown, "refused", re.sub(r"\S*/images:? ?", "", lines[0])[:230])
         found = np.loadtxt(out / "pattern.csv", delimiter=",")
     rows, columns, angles = aligned(found, true)

@@ -3,10 +3,11 @@
     python turned.py --frames 150 --seed 1 -o traced/turned/1
     python turned.py --frames 150 --seed 1 --print -o traced/turned-print/1
 
-The dots are 14 to 26, 0.35 to 0.55 of a radius or more apart, not quite round, not quite alike; in some balls one is faint. With
-`--print` the ball has a logo or lines, which the dots keep off. It is turned as docs/hand-drawn.md asks for: a turn and a bit about an
-upright axis, then about a level one, then about one between. Every 10 to 25 frames the fingers, of one hand or two, take hold
-elsewhere and the ball shifts. OUT is laid out as clip.py does; dots.txt holds how many dots there are, and in how many frames each is shown well.
+The dots are 14 to 26, 0.35 to 0.55 of a radius or more apart, not quite round, not quite alike; in two of five balls
+one is faint. With `--print` the ball has a logo or lines, which the dots keep off. It is turned as docs/hand-drawn.md
+asks for: a turn and a bit about an upright axis, then about a level one, then about one between. Every 10 to 25 frames
+the fingers, of one hand or two, take hold elsewhere and the ball shifts. OUT is laid out as clip.py does; dots.txt says
+how many dots there are, and in how many frames each is shown well.
 """
 
 from __future__ import annotations
@@ -63,13 +64,17 @@ def tangents(direction: Array) -> Array:
     return np.array([first, np.cross(direction, first)])
 
 
-def drawn_dot(rng: np.random.Generator, bitmap: Any, direction: Array, radius: float, ink: Array) -> tuple[Array, float]:
+def drawn_dot(
+    rng: np.random.Generator, bitmap: Any, direction: Array, radius: float, ink: Array
+) -> tuple[Array, float]:
     """Draws a dot as three strokes of a pen; the middle and the radius of the disc of its area."""
     across = tangents(direction)
     parts = [(np.zeros(2), radius * 0.9)]
     for _ in range(2):
         turn = rng.uniform(0, 2 * np.pi)
-        parts.append((rng.uniform(0.05, 0.25) * radius * np.array([np.cos(turn), np.sin(turn)]), radius * rng.uniform(0.8, 0.95)))
+        parts.append(
+            (rng.uniform(0.05, 0.25) * radius * np.array([np.cos(turn), np.sin(turn)]), radius * rng.uniform(0.8, 0.95))
+        )
     # What the strokes cover together, on a grid of the tangent plane.
     side = np.linspace(-1.5, 1.5, 121) * radius
     x, y = np.meshgrid(side, side, indexing="ij")
@@ -94,7 +99,9 @@ def print_on(rng: np.random.Generator, bitmap: Any) -> Array:
         for k in range(rng.integers(1, 4)):
             outer = 0.32 - 0.11 * k
             paint.add_cap(bitmap, middle, outer, color, outer - rng.uniform(0.02, 0.05))
-        places += [middle + 0.3 * r * (np.cos(a) * across[0] + np.sin(a) * across[1]) for a in range(6) for r in (0.3, 1.0)]
+        places += [
+            middle + 0.3 * r * (np.cos(a) * across[0] + np.sin(a) * across[1]) for a in range(6) for r in (0.3, 1.0)
+        ]
         start, end = middle - 0.42 * across[1] - 0.25 * across[0], middle - 0.42 * across[1] + 0.25 * across[0]
         strokes = [(start, end)]
     else:
@@ -219,7 +226,10 @@ def main() -> None:
         for dot in frame["dots"]:
             shown[dot["index"]] += not dot["occluded"] and dot["facing"] >= SHOWN_WELL
     (args.output / "dots.txt").write_text(f"{len(pattern)}\n{' '.join(map(str, shown))}\n")
-    print(f"{args.output}: {len(pattern)} dots, shown in {shown.min()} frames or more, {time.process_time() - begun:.0f} s of CPU time")
+    print(
+        f"{args.output}: {len(pattern)} dots, shown in {shown.min()} frames or more, "
+        f"{time.process_time() - begun:.0f} s of CPU time"
+    )
 
 
 if __name__ == "__main__":
