@@ -25,6 +25,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
 WITHIN_DEG = 1.0
+SHOWN_WELL = 0.35
+"""A dot that nothing hides and that faces the camera by so much is shown well."""
 ENOUGH_FRAMES = 10
 """A dot that is shown well in so many frames can be measured."""
 
@@ -72,7 +74,8 @@ def judged(folder: Path, command: list[str], *, has_count: bool) -> Outcome:
     """Runs the command on a clip."""
     truth = json.loads((folder / "truth.json").read_text())
     true = np.array(truth["pattern"])
-    shown = np.array((folder / "dots.txt").read_text().split()[1:], int)
+    well = [d["index"] for f in truth["frames"] for d in f["dots"] if d["facing"] >= SHOWN_WELL and not d["occluded"]]
+    shown = np.bincount(well, minlength=len(true))
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "ball"
         flags = ["--dots", str(len(true))] if has_count else []

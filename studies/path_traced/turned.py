@@ -6,8 +6,7 @@
 The dots are 14 to 26, 0.35 to 0.55 of a radius or more apart, not quite round, not quite alike; in two of five balls
 one is faint. With `--print` the ball has a logo or lines, which the dots keep off. It is turned as docs/hand-drawn.md
 asks for: a turn and a bit about an upright axis, then about a level one, then about one between. Every 10 to 25 frames
-the fingers, of one hand or two, take hold elsewhere and the ball shifts. OUT is laid out as clip.py does; dots.txt says
-how many dots there are, and in how many frames each is shown well.
+the fingers, of one hand or two, take hold elsewhere and the ball shifts. OUT is laid out as clip.py does.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -36,8 +34,6 @@ KIND = "turned"
 FPS = 30.0
 STROKES = 3
 MORE_THAN_A_TURN = 1.15
-SHOWN_WELL = 0.35
-"""A dot that nothing hides and that faces the camera by so much is shown well."""
 TEXELS = 2048
 
 
@@ -221,17 +217,8 @@ def main() -> None:
     truth.write(args.output, truth.origin(args.seed, KIND, args.ball_px, 0.0, pattern), frames)
     truth.write_orientations(args.output, frames)
     truth.write_camera(args.output / "camera.yml", camera)
-    shown = np.zeros(len(pattern), int)
-    for frame in frames:
-        for dot in frame["dots"]:
-            shown[dot["index"]] += not dot["occluded"] and dot["facing"] >= SHOWN_WELL
-    (args.output / "dots.txt").write_text(f"{len(pattern)}\n{' '.join(map(str, shown))}\n")
-    print(
-        f"{args.output}: {len(pattern)} dots, shown in {shown.min()} frames or more, "
-        f"{time.process_time() - begun:.0f} s of CPU time"
-    )
+    print(f"{args.output}: {len(pattern)} dots, {time.process_time() - begun:.0f} s of CPU time")
 
 
 if __name__ == "__main__":
-    mi.set_log_level(mi.LogLevel.Error)
     main()

@@ -60,14 +60,6 @@ impl MarkCandidate {
     }
 }
 
-impl Candidates {
-    /// The pattern of the marks that are dots, whatever is known of their number; `None` where they make none.
-    pub fn likely(&self) -> Option<Pattern> {
-        let dots = self.dots.iter().filter(|c| c.kind == Kind::Dot);
-        Pattern::new(dots.map(|c| c.dot.direction).collect()).ok()
-    }
-}
-
 /// What may be a dot on a ball.
 #[derive(Debug)]
 pub(super) struct Candidates {
@@ -80,4 +72,16 @@ pub(super) struct Candidates {
     pub darkness: f64,
     /// Whether there is print beside the dots.
     pub is_printed: bool,
+}
+
+impl Candidates {
+    /// Those of a kind.
+    pub fn of(&self, kind: Kind) -> impl Iterator<Item = &MarkCandidate> {
+        self.dots.iter().filter(move |c| c.kind == kind)
+    }
+
+    /// The pattern of the marks that are dots, whatever is known of their number; `None` where they make none.
+    pub fn likely(&self) -> Option<Pattern> {
+        Pattern::new(self.of(Kind::Dot).map(|c| c.dot.direction).collect()).ok()
+    }
 }

@@ -84,7 +84,6 @@ impl Candidates {
         surface: &Darkness,
         known: &KnownDots,
     ) -> Result<Vec<MarkCandidate>, Unclear> {
-        let of = |kind: Kind| self.dots.iter().filter(move |c| c.kind == kind).copied();
         if let KnownDots::Marks(said) = known {
             return self.said(said);
         }
@@ -95,12 +94,13 @@ impl Candidates {
         {
             return Ok(dots);
         }
-        if let Some(away) = of(Kind::TurnedAway).next() {
-            let dots = of(Kind::TurnedAway).count();
+        if let Some(away) = self.of(Kind::TurnedAway).next() {
+            let dots = self.of(Kind::TurnedAway).count();
             let rejection = UnknownRejection::TurnedAway { dots };
             return Err(Unclear::about(rejection, away.dot.direction));
         }
-        let (likely, doubtful) = (of(Kind::Dot).count(), of(Kind::Doubtful).count());
+        let likely = self.of(Kind::Dot).count();
+        let doubtful = self.of(Kind::Doubtful).count();
         self.check_blind(likely)?;
         if self.is_printed {
             return Err(UnknownRejection::Printed { likely, doubtful }.into());
@@ -115,15 +115,15 @@ impl Candidates {
             ));
         }
         known.check(likely, doubtful)?;
-        Ok(of(Kind::Dot).collect())
+        Ok(self.of(Kind::Dot).copied().collect())
     }
 
-    /// The dots, where there are so many and that settles which marks they are. Print may have marks like dots, all alike: there a number settles
-    /// no doubt, but that print's are not among as many marks like dots. `covered` is the share of the surface that is covered in most views.
+    /// The dots, where there are so many and that settles which marks they are. Print may have marks like dots, all alike: beside it a number
+    /// decides no mark in doubt, and only confirms as many marks like dots. `covered` is the share of the surface that is covered in most views.
     fn settled(&self, number: usize, covered: f64) -> Option<Vec<MarkCandidate>> {
-        let of = |kind: Kind| self.dots.iter().filter(|c| c.kind == kind).count();
-        let has_doubt = of(Kind::Doubtful) + of(Kind::TurnedAway) > 0;
-        if self.is_printed && (has_doubt || of(Kind::Dot) != number) {
+        let mut in_doubt = self.of(Kind::Doubtful).chain(self.of(Kind::TurnedAway));
+        let is_clear = in_doubt.next().is_none() && self.of(Kind::Dot).count() == number;
+        if self.is_printed && !is_clear {
             return None;
         }
         let hidden = (self.blind + covered) * number as f64;

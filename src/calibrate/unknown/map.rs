@@ -183,11 +183,10 @@ impl<'a> DotMap<'a> {
 
     /// The recognizer of the established dots; `None` where they are too few.
     fn recognizer(&self) -> Result<Option<(RobustRecognizer, Vec<usize>)>> {
-        let names = self.established();
-        let directions = names.iter().map(|&j| self.dots[j].direction).collect();
-        let Ok(pattern) = Pattern::new(directions) else {
+        let Some(pattern) = self.pattern() else {
             return Ok(None);
         };
+        let names = self.established();
         let estimator = self.config.estimator.recognizer;
         let view = ViewModel {
             visibility_limit: MIN_DEPTH,

@@ -19,18 +19,6 @@ use crate::pattern::Pattern;
 use crate::surface::PaintedFrame;
 use crate::vision::{Estimator, FrameEstimate};
 
-/// The frames of a clip as an estimator sees them, and what they show of the ball.
-fn look(
-    arguments: &Arguments,
-    settings: &BatchConfig,
-    estimator: &Estimator,
-) -> Result<Batch<PaintedFrame>> {
-    let observer = Counting::new(&arguments.clip, SurfaceObserver::default());
-    let batch = clip::run(estimator, &arguments.clip, settings, &observer)?;
-    observer.finish();
-    Ok(batch)
-}
-
 /// The frames of a clip, and what they show of the ball.
 struct SeenClip {
     frames: Vec<FrameEstimate>,
@@ -105,8 +93,28 @@ impl BuiltClip {
 
 /// An estimator for its detections only.
 pub(super) fn stand_in(arguments: &Arguments, config: &CalibrationConfig) -> Result<Estimator> {
-    let pattern = SurfaceObserver::stand_in()?;
-    Estimator::new(&pattern, config.estimator, arguments.images.detector()?)
+    estimator_of(&SurfaceObserver::stand_in()?, arguments, config)
+}
+
+/// An estimator of a pattern that no table has.
+fn estimator_of(
+    pattern: &Pattern,
+    arguments: &Arguments,
+    config: &CalibrationConfig,
+) -> Result<Estimator> {
+    Estimator::new(pattern, config.estimator, arguments.images.detector()?)
+}
+
+/// The frames of a clip as an estimator sees them, and what they show of the ball.
+fn look(
+    arguments: &Arguments,
+    settings: &BatchConfig,
+    estimator: &Estimator,
+) -> Result<Batch<PaintedFrame>> {
+    let observer = Counting::new(&arguments.clip, SurfaceObserver::default());
+    let batch = clip::run(estimator, &arguments.clip, settings, &observer)?;
+    observer.finish();
+    Ok(batch)
 }
 
 /// The design that the clip shows, else the pattern built from the clip.
@@ -123,8 +131,9 @@ pub(super) fn find(
     let mut seen = SeenClip::of(batch, arguments);
     let mut survey = seen.survey(known, config)?;
     if let Some(likely) = survey.likely.take() {
-        // Which outline is the ball's the dots show, once they are known.
-        let estimator = Estimator::new(&likely, config.estimator, arguments.images.detector()?)?;
+        // Which outline is the ball's the dots show, once they are known. What the frames show is up to 2 GiB: one look at a time.
+        drop(seen);
+        let estimator = estimator_of(&likely, arguments, config)?;
         seen = SeenClip::of(look(arguments, settings, &estimator)?, arguments);
         survey = seen.survey(known, config)?;
     }

@@ -239,7 +239,7 @@ fn a_ball_is_built_from_what_its_frames_show_and_print_is_no_dot() {
 
 /// Fingers and shade draw wrong outlines; no table says which is the ball's.
 #[test]
-fn wrong_outlines_are_mended_by_the_dots_that_they_show() {
+fn wrong_outlines_are_corrected_by_the_dots_that_they_show() {
     let truth = crate::common::random_pattern(16, 36);
     let pictures = pictures(&truth, &[], &[Vec3::x(), Vec3::y()]);
     let config = CalibrationConfig::default();
