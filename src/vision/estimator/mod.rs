@@ -12,7 +12,7 @@
 //!           closer about the most promising; of larger ones smaller balls; last all edges, of those at a smaller scale
 //!                                 |   one after the other, until one gives the answer or the budget ends
 //! outlines  at a place (locate.rs): edges and net together, the edges' own where the net contradicts them, a circle
-//!           for an ellipse; without a pose all other circles of the edges
+//!           for an ellipse; the one that dots without a pose ask for (align.rs); without a pose all other circles of the edges
 //!                                 |   one after the other, until the dots are clear
 //! dots      off the axis of a known camera: the view straight at the ball
 //!           Patch -> DotDetector -> BallView: directions and covariances
@@ -103,6 +103,8 @@ pub struct EstimatorWorkspace {
     /// That for an outline there.
     pub(crate) within: FrameEstimate,
     pub(crate) spending: Spending,
+    /// Outlines among which the one in hand was chosen by its dots: each had its chance to fit them by accident.
+    pub(crate) choices: usize,
     pub(crate) locator: Locator,
     /// Only where the camera's intrinsics are known.
     pub(crate) recentering: Recentering,
@@ -258,6 +260,7 @@ impl Estimator {
             searches: Default::default(),
             there: FrameEstimate::with_capacity(),
             within: FrameEstimate::with_capacity(),
+            choices: 1,
             spending: Spending::default(),
             locator: Locator::new(self.config.circle),
             recentering: Recentering::new(self.config.circle),

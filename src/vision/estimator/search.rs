@@ -12,6 +12,7 @@ use crate::image::{ImageView, Roi};
 use crate::recognize::Hint;
 use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::frame::estimate::{FrameEstimate, FrameRejection, Pose, Standing, is_mirrored};
+use crate::vision::frame::outline::Outline;
 use crate::vision::frame::prior::{Budget, OutlinePrior, Prior, Spending};
 use crate::vision::optics::camera::BallCircle;
 use crate::vision::optics::crop::Crop;
@@ -28,6 +29,9 @@ const LEAST_DOTS: f64 = 1.5;
 /// Least probability of a pose of a ball below the minimum radius. Of 45 such poses by dots that claim 0.85 to 0.95, 36 were right; of
 /// 134 by dots or pixels that claim more, 132 (small balls and, half as often, other things: 6 000 images, seed 71001).
 const SURE: f64 = 0.95;
+/// An outline that the dots ask for is the best of so many that differ by more than identification bears: 4 % of the radius, where
+/// center and size may be off as [`align`](crate::vision::pose::align) has them.
+const CHOICES: usize = 300;
 /// Poses from here on are all but certain.
 const CERTAIN: f64 = 0.99;
 /// The residual, radians, at which a pose's named dots count for nothing beside those of another outline's: 5 deg. By the residual alone, which leaving
@@ -328,6 +332,39 @@ impl Estimator {
         if self.detector.looks_again() && !is_hopeless {
             self.identify_by_pixels(crop, hint, ws, out);
         }
+        self.ask_dots(crop, candidate, ws, out);
+    }
+
+    /// Where the dots of an outline that was found give no answer, the outline that they ask for comes next.
+    fn ask_dots(
+        &self,
+        crop: &Crop<'_>,
+        candidate: &OutlineCandidate,
+        ws: &mut EstimatorWorkspace,
+        out: &mut FrameEstimate,
+    ) {
+        let is_found = candidate.shape != OutlineShape::ByDots && !candidate.outline.is_given();
+        let is_over = ws.spending.is_detecting() || ws.spending.is_over();
+        if out.is_settled() || is_over || !(is_found && self.detector.looks_again()) {
+            return;
+        }
+        let begun = Instant::now();
+        if let Some(outline) = self.outline_by_dots(ws, out) {
+            let shown = match self.intrinsics() {
+                Some(k) => k.shown_of_ball(&outline.circle),
+                None => outline.circle,
+            };
+            ws.locator.add(OutlineCandidate {
+                outline: Outline {
+                    circle: crop.grid.circle_to_part(&shown),
+                    covariance: outline.covariance / (crop.grid.side * crop.grid.side),
+                    ..outline
+                },
+                fit: None,
+                shape: OutlineShape::ByDots,
+            });
+        }
+        ws.spending.timings.identify += begun.elapsed();
     }
 
     /// Finds the dots of the last patch anew, by the detector's second look.
@@ -354,6 +391,10 @@ impl Estimator {
         out: &mut FrameEstimate,
     ) {
         let begun = Instant::now();
+        ws.choices = match candidate.shape {
+            OutlineShape::ByDots => CHOICES,
+            OutlineShape::Free | OutlineShape::Circle => 1,
+        };
         (out.outline, out.fit) = (Some(candidate.outline), candidate.fit);
         let contrast = ws.locator.color_contrast();
         ws.recentered = match self.intrinsics() {
@@ -361,14 +402,14 @@ impl Estimator {
                 let k = crop.grid.intrinsics_to_part(&k);
                 ws.recentering.recenter(&k, crop.gray, contrast, out)
             }
-            None if candidate.shape == OutlineShape::Circle => None,
+            None if candidate.shape != OutlineShape::Free => None,
             None => {
                 let middle = crop.middle();
                 let found = ws
                     .recentering
                     .recenter_ellipse(middle, crop.gray, contrast, out);
                 if found.is_some() && !candidate.outline.circle.is_ellipse() {
-                    ws.locator.add_circle(OutlineCandidate {
+                    ws.locator.add(OutlineCandidate {
                         shape: OutlineShape::Circle,
                         ..*candidate
                     });

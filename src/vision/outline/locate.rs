@@ -45,6 +45,8 @@ pub(crate) enum OutlineShape {
     Free,
     /// The circle that was fitted.
     Circle,
+    /// What the dots of another outline ask for.
+    ByDots,
 }
 
 /// An outline that may be the ball's.
@@ -88,9 +90,9 @@ pub(crate) struct Locator {
     net: OutlineWorkspace,
     /// All that were given out.
     candidates: Vec<OutlineCandidate>,
-    /// Those that come next whatever the dots show: the likeliest, or the circle in the place of an ellipse; the edges' own
-    /// outline, where the net contradicts it; the circle, where that is an ellipse.
-    waiting: [Option<OutlineCandidate>; 3],
+    /// Those that come next whatever the dots show: the likeliest, or another in the place of the last one; the edges' own
+    /// outline, where the net contradicts it; the circle, where that is an ellipse; one more in the place of the last.
+    waiting: [Option<OutlineCandidate>; 4],
     /// Circles of the edges that were looked at, once as the net sees them and once as they are.
     tried: usize,
     /// The circle that is tried after all others: that of a crop, or the rough one.
@@ -103,7 +105,7 @@ impl Locator {
             finder: BallFinder::new(config),
             net: OutlineWorkspace::default(),
             candidates: Vec::with_capacity(MAX_CANDIDATES),
-            waiting: [None; 3],
+            waiting: [None; 4],
             tried: 0,
             last: BallCircle::new(Pixel::default(), 0.0),
         }
@@ -122,7 +124,7 @@ impl Locator {
         net: Option<&OutlineNet>,
     ) -> Result<(), NoBall> {
         self.candidates.clear();
-        self.waiting = [None; 3];
+        self.waiting = [None; 4];
         self.tried = 0;
         let gray = crop.gray;
         let color = match crop.image {
@@ -200,9 +202,12 @@ impl Locator {
         })
     }
 
-    /// The circle in the place of the ellipse that the last outline became: it comes next.
-    pub fn add_circle(&mut self, circle: OutlineCandidate) {
-        self.waiting[0] = Some(circle);
+    /// Another outline in the place of the last one: the circle of an ellipse, or what the dots ask for. It comes next, or after those that
+    /// wait already.
+    pub fn add(&mut self, other: OutlineCandidate) {
+        if let Some(free) = self.waiting.iter_mut().find(|place| place.is_none()) {
+            *free = Some(other);
+        }
     }
 
     /// The next outline to try. Those that are worth it only where all before show no dots that can be identified come

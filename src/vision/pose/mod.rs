@@ -1,6 +1,7 @@
 //! From dots to the ball's orientation: dots are identified, all places where dots may be are matched with the pattern, the pose is
 //! refined on dots and then on pixels, and its probability is that of all that speaks for it ([`TrustMap`]).
 
+pub(crate) mod align;
 pub(crate) mod all_places;
 pub(crate) mod identify;
 pub(crate) mod pixels;

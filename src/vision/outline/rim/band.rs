@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, Simd, dispatch, f64x4};
-use nalgebra::Vector2;
+use nalgebra::{SVector, Vector2};
 
 use super::chain::{BY_PIXEL, KNOTS, LIGHTS, LimbChain};
 use super::limb::{LimbLight, LimbTable, TERMS};
@@ -82,16 +82,43 @@ impl RimBand {
         state: &LimbState,
         bend: f64,
     ) -> (LimbChain, f64) {
-        let mut chain = LimbChain::default();
-        let [mut squares, mut weights] = [0.0; 2];
+        let (mut chain, [mut squares, mut weights]) = (LimbChain::default(), [0.0; 2]);
+        self.each_sector(table, state, bend, |knot, part| {
+            squares += part.squares;
+            weights += part.weights;
+            chain.add(knot, part);
+        });
+        (chain, squares / weights)
+    }
+
+    /// The same, and the gradient of each sector: of the pixels between a knot and the next.
+    pub(super) fn pulls(
+        &self,
+        table: &LimbTable,
+        state: &LimbState,
+        bend: f64,
+    ) -> (LimbChain, [SVector<f64, BY_PIXEL>; KNOTS]) {
+        let (mut chain, mut pulls) = (LimbChain::default(), [SVector::zeros(); KNOTS]);
+        self.each_sector(table, state, bend, |knot, part| {
+            pulls[knot] = SVector::from(part.gradient);
+            chain.add(knot, part);
+        });
+        (chain, pulls)
+    }
+
+    /// Hands out the sums over the pixels between each knot and the next.
+    fn each_sector(
+        &self,
+        table: &LimbTable,
+        state: &LimbState,
+        bend: f64,
+        mut take: impl FnMut(usize, &Sums<BY_PIXEL>),
+    ) {
         for (knot, pixels) in self.pixels.iter().enumerate() {
             let part =
                 dispatch!(self.level, simd => sums(simd, pixels, table, (state, knot), bend));
-            squares += part.squares;
-            weights += part.weights;
-            chain.add(knot, &part);
+            take(knot, &part);
         }
-        (chain, squares / weights)
     }
 
     /// The light of the ball or of what is behind it, whichever is brighter.

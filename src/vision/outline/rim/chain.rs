@@ -32,7 +32,7 @@ type Knot = SMatrix<f64, LIGHTS, LIGHTS>;
 type ToEnds = SMatrix<f64, LIGHTS, ENDS>;
 
 /// The equations of all pixels.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct LimbChain {
     own: [Knot; KNOTS],
     /// Each with the next.
@@ -161,6 +161,26 @@ impl LimbChain {
             to_ends = self.to_ends(knot + 1) - to_next.transpose() * gone.by_ends;
         }
         Some(left)
+    }
+
+    /// The spread of the fitted unknowns by how much the sectors of the rim contradict each other: each pulls at them by its own pixels, whose
+    /// gradients these are, and where all pixels are at rest, some pull one way and others another.
+    pub fn spread_of_sectors(
+        &self,
+        pulls: &[SVector<f64, BY_PIXEL>; KNOTS],
+    ) -> Option<SMatrix<f64, FITTED, FITTED>> {
+        let mut spread = SMatrix::zeros();
+        let mut alone = self.clone();
+        for (knot, pull) in pulls.iter().enumerate() {
+            alone.gradient = [SVector::zeros(); KNOTS];
+            alone.gradient[knot] = pull.fixed_rows::<LIGHTS>(0).into_owned();
+            alone.gradient[(knot + 1) % KNOTS] = pull.fixed_rows::<LIGHTS>(LIGHTS).into_owned();
+            alone.gradient_of_shared = pull.fixed_rows::<SHARED>(2 * LIGHTS).into_owned();
+            let (_, ends) = alone.ends()?.solved::<{ LIGHTS + FITTED }>()?;
+            let step = ends.fixed_rows::<FITTED>(LIGHTS);
+            spread += step * step.transpose();
+        }
+        Some(spread * (KNOTS as f64 / (KNOTS - FITTED) as f64))
     }
 
     /// The information of the last knot and of the shared unknowns.
@@ -329,6 +349,41 @@ mod tests {
         let LimbStep { lights, shared, .. } = ends.light_step().expect("a step");
         assert!((lights[3][1] - all[3 * LIGHTS + 1]).abs() < 1e-9);
         assert_eq!(shared.norm(), 0.0);
+    }
+
+    /// Each sector's step by the inverse of all equations, where the lights of all knots are fitted with it.
+    #[test]
+    fn sectors_spread_by_their_own_steps() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(6_470_002);
+        let pixels: Vec<_> = (0..40 * KNOTS)
+            .map(|k| {
+                let by = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+                (k % KNOTS, by, rng.random_range(-1.0..1.0))
+            })
+            .collect();
+        let kept = KNOTS * LIGHTS + FITTED;
+        let (information, _) = dense(&pixels);
+        let part = information.view((0, 0), (kept, kept)).into_owned();
+        let inverse = part.try_inverse().expect("regular");
+        let (mut chain, mut pulls) = (LimbChain::default(), [SVector::zeros(); KNOTS]);
+        let mut expected = DMatrix::zeros(FITTED, FITTED);
+        for (knot, pull) in pulls.iter_mut().enumerate() {
+            let of_sector: Vec<_> = pixels.iter().filter(|p| p.0 == knot).copied().collect();
+            let mut sums = Sums::<BY_PIXEL>::default();
+            for (_, by, residual) in &of_sector {
+                sums.add(by, *residual, 1.0);
+            }
+            chain.add(knot, &sums);
+            *pull = SVector::from(sums.gradient);
+            let step = &inverse * dense(&of_sector).1.rows(0, kept);
+            let step = step.rows(KNOTS * LIGHTS, FITTED).into_owned();
+            expected += &step * step.transpose();
+        }
+        expected *= 16.0 / 9.0;
+        let spread = chain.spread_of_sectors(&pulls).expect("bound");
+        for (found, expected) in spread.iter().zip(expected.iter()) {
+            assert!((found - expected).abs() < 1e-9, "{spread} {expected}");
+        }
     }
 
     #[test]

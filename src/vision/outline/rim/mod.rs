@@ -14,7 +14,8 @@
 //! Of large balls at first means of squares of pixels are read, so that an outline is found that is off by a twentieth of the radius.
 //!
 //! Dots are smeared by the ball's turn, its rim is not: its blur is its own. The tone curve `light = (1 - q) I + q I^2` is the dots', and what is not known of it adds
-//! to the covariance. In the end an [oval](Oval) is fitted besides: what `cos 2a` and `sin 2a` add to the radius.
+//! to the covariance, and so does what the sectors of the rim contradict each other by: a finger, print or a shadow pulls at its own sector, the others pull
+//! back (K.-Y. Liang, S. Zeger, "Longitudinal data analysis using generalized linear models", Biometrika 73, 1986). In the end an [oval](Oval) is fitted besides: what `cos 2a` and `sin 2a` add to the radius.
 //!
 //! Not promised: an outline where the ball is not within a twentieth of its radius of where it was found.
 
@@ -23,10 +24,10 @@ mod chain;
 mod limb;
 mod state;
 
-use nalgebra::{Matrix2, Matrix3, Vector2};
+use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2};
 
 use self::band::RimBand;
-use self::chain::OVAL;
+use self::chain::{FITTED, LimbChain, OVAL};
 use self::limb::LimbTable;
 pub(crate) use self::state::RimShape;
 use self::state::{FoundRim, LEAST_BLUR, LimbState, RimBall};
@@ -77,6 +78,9 @@ pub(crate) struct RimFitter {
     band: RimBand,
     table: LimbTable,
 }
+
+/// A covariance of what is fitted.
+type Spread = SMatrix<f64, FITTED, FITTED>;
 
 /// The change of an outline's center and radius, with its covariance.
 #[derive(Debug, Clone, Copy)]
@@ -143,6 +147,14 @@ impl RimFit {
     }
 }
 
+/// Adds what is known of light, blur, darkening and oval, for pixels with this variance and a ball of so much light.
+fn hold(chain: &mut LimbChain, ball: &RimBall, state: &LimbState, (noise, scale): (f64, f64)) {
+    let alike = noise / (UNEVEN * scale).powi(2);
+    chain.smooth(&state.light, alike, NOT_EVEN * alike);
+    chain.lit(&state.light, noise / (NEGATIVE * scale).powi(2));
+    ball.hold(state, chain, noise);
+}
+
 fn moved(circle: &BallCircle, change: &Vec3) -> BallCircle {
     BallCircle {
         center: Pixel {
@@ -203,13 +215,15 @@ impl RimFitter {
             change += found.state.change;
             if round > 0 || found.state.change.amax() < FAR {
                 let covariance = found.covariance(&of_dots.tone)?;
+                let spread = self.spread(&found)?;
+                let covariance = covariance + spread.fixed_view::<3, 3>(0, 0);
                 let variance = covariance[(0, 0)].max(covariance[(1, 1)]);
                 let is_clear =
                     change.amax() < most && variance < (MAX_ERROR * start.radius).powi(2);
                 return is_clear.then(|| RimFit {
                     change,
                     covariance,
-                    oval: self.oval(found),
+                    oval: self.oval(found, spread),
                 });
             }
             last = Some(found.state);
@@ -218,22 +232,38 @@ impl RimFitter {
     }
 
     /// By how much the outline is drawn out, by the pixels that were read last.
-    fn oval(&mut self, found: FoundRim) -> Option<Oval> {
-        let free = match found.ball.shape {
-            RimShape::DrawnOut => found,
+    fn oval(&mut self, found: FoundRim, spread: Spread) -> Option<Oval> {
+        let (free, spread) = match found.ball.shape {
+            RimShape::DrawnOut => (found, spread),
             RimShape::AsViewed => {
                 let ball = RimBall {
                     shape: RimShape::DrawnOut,
                     ..found.ball
                 };
-                self.iterate(ball, found.state, 0)?
+                let free = self.iterate(ball, found.state, 0)?;
+                let spread = self.spread(&free)?;
+                (free, spread)
             }
         };
         let (inverse, _) = free.ends.fitted()?;
         Some(Oval {
             stretch_px: free.state.oval,
-            covariance: inverse.fixed_view::<2, 2>(OVAL, OVAL) * free.scatter(),
+            covariance: inverse.fixed_view::<2, 2>(OVAL, OVAL) * free.scatter()
+                + spread.fixed_view::<2, 2>(OVAL, OVAL),
         })
+    }
+
+    /// By how much the sectors of the rim contradict each other.
+    fn spread(&mut self, found: &FoundRim) -> Option<Spread> {
+        let FoundRim {
+            ball, state, noise, ..
+        } = found;
+        self.table
+            .make(ball.radius, state.blur, state.darkening, ball.depths);
+        let (mut chain, pulls) = self.band.pulls(&self.table, state, ball.bend);
+        let scale = self.band.light_scale(ball.bend);
+        hold(&mut chain, ball, state, (*noise, scale));
+        chain.spread_of_sectors(&pulls)
     }
 
     /// Fits means of squares of pixels, of two to the power of `level` a side.
@@ -271,10 +301,7 @@ impl RimFitter {
                 true => (FIRST_NOISE * scale).powi(2),
                 false => scatter.max(LEAST_VARIANCE),
             };
-            let alike = noise / (UNEVEN * scale).powi(2);
-            chain.smooth(&state.light, alike, NOT_EVEN * alike);
-            chain.lit(&state.light, noise / (NEGATIVE * scale).powi(2));
-            ball.hold(&state, &mut chain, noise);
+            hold(&mut chain, &ball, &state, (noise, scale));
             let ends = chain.ends()?;
             let step = match round < begun {
                 true => ends.light_step()?,
@@ -462,6 +489,39 @@ mod tests {
         );
         let fit = fit.expect("a rim");
         assert!(fit.change.amax() < 0.1, "{fit:?}");
+    }
+
+    /// Of nine fingers one after the other, each over a tenth of the rim, which nothing says.
+    #[test]
+    fn what_hides_the_rim_unknown_widens_its_covariance() {
+        let clean = drawn(&CIRCLE, Vec3::new(0.3, 0.2, 0.9), 0.0);
+        let fit = |image: &GrayImage| fitted(image, CIRCLE, RimShape::DrawnOut);
+        let of_clean = fit(&clean).expect("a rim").covariance;
+        let (mut squares, mut count) = (0.0, 0.0);
+        for k in 0..9 {
+            let angle = 0.7 * f64::from(k);
+            let finger = Pixel {
+                u: CIRCLE.center.u + CIRCLE.radius * angle.cos(),
+                v: CIRCLE.center.v + CIRCLE.radius * angle.sin(),
+            };
+            let image = GrayImage::from_fn(SIDE, SIDE, |u, v| {
+                let off = (u as f64 - finger.u).hypot(v as f64 - finger.v);
+                let covers = (0.5 + 9.0 - off).clamp(0.0, 1.0) as f32;
+                let behind = clean.at(u as isize, v as isize);
+                behind + covers * (0.55 - behind)
+            });
+            let Some(found) = fit(&image) else { continue };
+            let inverse = found.covariance.try_inverse().expect("regular");
+            squares += found.change.dot(&(inverse * found.change));
+            count += 1.0;
+            let wider = found.covariance.trace() / of_clean.trace();
+            assert!(wider > 1.5, "{k}: {wider}");
+        }
+        // Three of each are expected.
+        assert!(
+            count >= 6.0 && squares < 2.0 * 3.0 * count,
+            "{squares} {count}"
+        );
     }
 
     #[test]

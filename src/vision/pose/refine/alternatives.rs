@@ -4,8 +4,10 @@
 //! a side that no lamp reaches is lost before a dark wall, a shadow or a hand joins it. Its error is then far beyond what its edges
 //! state, and dots that are drawn well show it.
 //!
-//! Readings are compared by Laplace's approximation of their evidence, `-2 ln p = cost + sum ln det S + ln det C + ln det H`, of the dots'
-//! covariances `S`, the outline's `C` and the information `H` at the minimum (D. MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28).
+//! An outline that is drawn out may be a circle's, of which a hand hides a part.
+//!
+//! Readings are compared by Laplace's approximation of their evidence, `-2 ln p = cost + sum ln det S - ln det K + ln det H`, of the dots'
+//! covariances `S` and the information at the minimum, of what is known before, `K`, and of all, `H` (D. MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 28).
 //! The covariance is that of their mixture, about the best.
 
 use nalgebra::{Matrix3, SMatrix, SVector};
@@ -14,6 +16,8 @@ use super::{Drawn, Match, PARAMETERS, PosePrior, PoseRefiner, PoseState, offset}
 use crate::geometry::{Rotation, Vec3};
 use crate::vision::frame::config::CameraModel;
 use crate::vision::frame::estimate::FrameEstimate;
+use crate::vision::optics::camera::BallCircle;
+use crate::vision::optics::oval::of_circle;
 
 /// Shares of the outlines that were found whose error is as stated, or has a further standard deviation of center and radius, radii: the likeliest
 /// shares of 2 072 images in all conditions (40, 80 and 140 px, crops and whole pictures, seeds 642040 to 6420140) are 0.66, 0.20 and 0.14 of six
@@ -32,10 +36,15 @@ const ERRORS: [OutlineError; 3] = [
         radii: 0.045,
     },
 ];
-/// To either side, with each error.
-const MAX_READINGS: usize = 2 * ERRORS.len();
+/// Share of the outlines that are drawn out which are the ball's in that: beside a hand an ellipse fits what is left of a circle, too.
+const DRAWN_OUT: f64 = 0.8;
+/// To either side and round, with each error.
+const MAX_READINGS: usize = 3 * ERRORS.len();
 /// A reading less likely than this beside the best adds nothing to the covariance.
 const LEAST_SHARE: f64 = 1e-3;
+
+/// Parameters of which something is known before the dots are seen.
+const KNOWN: usize = PARAMETERS - 3;
 
 struct OutlineError {
     share: f64,
@@ -67,6 +76,19 @@ impl PosePrior {
         (!is_known && self.outline.circle.is_ellipse()).then_some(other)
     }
 
+    /// The outline as a circle, where it was found drawn out and the dots can say so.
+    fn round(&self) -> Option<Self> {
+        let is_known = matches!(self.camera, CameraModel::Known(_));
+        let is_open = self.drawn == Drawn::AsSeen && !self.outline.is_given() && !is_known;
+        let is_drawn_out = self.outline.circle.is_ellipse() || self.oval.is_some();
+        let mut other = *self;
+        let circle = &self.outline.circle;
+        let mean = circle.radius * of_circle(&circle.eccentricity).0;
+        other.outline.circle = BallCircle::new(circle.center, mean);
+        other.oval = None;
+        (is_open && is_drawn_out).then_some(other)
+    }
+
     /// The outline with a further error, where it was found and the dots can say so.
     fn with_error(&self, error: &OutlineError) -> Option<Self> {
         let mut other = *self;
@@ -88,8 +110,18 @@ impl PoseRefiner {
         matches: &[Match],
     ) -> Option<Readings> {
         let mut all: [Option<OutlineReading>; MAX_READINGS] = Default::default();
-        let sides = [Some(*prior), prior.other_side()];
-        for (side, readings) in sides.iter().flatten().zip(all.chunks_mut(ERRORS.len())) {
+        let round = prior.round();
+        let share = if round.is_some() { DRAWN_OUT } else { 1.0 };
+        let shapes = [
+            (Some(*prior), share),
+            (prior.other_side(), share),
+            (round, 1.0 - share),
+        ];
+        let shapes = shapes
+            .iter()
+            .filter_map(|(shape, share)| Some(((*shape)?, share)));
+        for ((side, share), readings) in shapes.zip(all.chunks_mut(ERRORS.len())) {
+            let side = &side;
             let Some(mut start) = PoseState::new(side, rotation) else {
                 continue;
             };
@@ -97,7 +129,7 @@ impl PoseRefiner {
                 let prior = side.with_error(error);
                 let found = prior.and_then(|prior| {
                     let state = self.fit(names, &prior, start, frame, matches)?;
-                    let cost = state.ln_evidence_cost(&prior)? - 2.0 * error.share.ln();
+                    let cost = state.ln_evidence_cost(&prior)? - 2.0 * (share * error.share).ln();
                     Some(OutlineReading { state, prior, cost })
                 });
                 // Each begins where the one before ended.
@@ -133,8 +165,18 @@ impl PoseState {
     fn ln_evidence_cost(&self, prior: &PosePrior) -> Option<f64> {
         let information = self.information.cholesky()?;
         let ln_information: f64 = information.l().diagonal().iter().map(|d| d.ln()).sum();
-        let ln_outline = prior.outline.covariance.determinant().ln();
-        Some(self.cost + self.ln_spread + ln_outline + 2.0 * ln_information)
+        let of_outline = prior.outline.covariance.try_inverse()?;
+        // What is known before of all but the turn.
+        let known = prior.equations(&of_outline, &self.view).information;
+        let known = known.fixed_view::<KNOWN, KNOWN>(3, 3).into_owned();
+        let ln_known: f64 = known
+            .cholesky()?
+            .l()
+            .diagonal()
+            .iter()
+            .map(|d| d.ln())
+            .sum();
+        Some(self.cost + self.ln_spread + 2.0 * (ln_information - ln_known))
     }
 
     /// How far it is from another, in the fitted parameters.
@@ -171,7 +213,7 @@ mod tests {
     use crate::vision::dots::detector::DotDetection;
     use crate::vision::frame::config::EstimatorConfig;
     use crate::vision::frame::outline::{Outline, OutlineSource};
-    use crate::vision::optics::camera::{BallCircle, BallView, Camera, Pixel};
+    use crate::vision::optics::camera::{BallView, Camera, Pixel};
     use crate::vision::pose::refine::RefinedFrame;
 
     const RADIUS: f64 = 60.0;
@@ -199,17 +241,14 @@ mod tests {
         }
     }
 
-    /// The error, degrees, and its squared distance, of a ball whose outline is off by so many pixels besides what it states.
-    fn refined(
-        off: [f64; 3],
-        source: OutlineSource,
+    /// The dots that face the camera, as they are detected.
+    fn add_dots(
+        names: &[Vec3],
+        rotation: &Rotation,
+        view: &BallView,
+        frame: &mut FrameEstimate,
         rng: &mut ChaCha8Rng,
-    ) -> (f64, f64, RefinedFrame) {
-        let names: Vec<Vec3> = spiral_directions(20).collect();
-        let rotation = random_rotation(rng);
-        let circle = BallCircle::new(Pixel { u: 80.0, v: 80.0 }, RADIUS);
-        let view = BallView::new(&Camera::Orthographic, circle).expect("a view");
-        let mut frame = FrameEstimate::default();
+    ) {
         for (name, dot) in names.iter().enumerate() {
             let turned = rotation * dot;
             if turned.z < 0.35 {
@@ -226,6 +265,20 @@ mod tests {
             });
             frame.assignment.push(Some(name as u16));
         }
+    }
+
+    /// The error, degrees, and its squared distance, of a ball whose outline is off by so many pixels besides what it states.
+    fn refined(
+        off: [f64; 3],
+        source: OutlineSource,
+        rng: &mut ChaCha8Rng,
+    ) -> (f64, f64, RefinedFrame) {
+        let names: Vec<Vec3> = spiral_directions(20).collect();
+        let rotation = random_rotation(rng);
+        let circle = BallCircle::new(Pixel { u: 80.0, v: 80.0 }, RADIUS);
+        let view = BallView::new(&Camera::Orthographic, circle).expect("a view");
+        let mut frame = FrameEstimate::default();
+        add_dots(&names, &rotation, &view, &mut frame, rng);
         let [u, v, radius] = off.map(|off| off + normal(OUTLINE_PX, rng));
         let found = BallCircle::new(
             Pixel {
@@ -292,6 +345,44 @@ mod tests {
                 "{found}"
             );
             assert!((found[(0, 0)] - 1e-4).abs() < 1e-9, "{found}");
+        }
+    }
+
+    /// An ellipse is found; the ball is one that is seen so, or a circle of which a hand hides a part.
+    #[test]
+    fn dots_show_whether_a_ball_is_drawn_out() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(6_470_003);
+        let names: Vec<Vec3> = spiral_directions(20).collect();
+        let camera = Camera::Near {
+            inverse_distance: 0.07,
+        };
+        let drawn_out = BallCircle {
+            eccentricity: nalgebra::Vector2::new(0.4, 0.0),
+            ..BallCircle::new(Pixel { u: 80.0, v: 80.0 }, RADIUS)
+        };
+        let round = BallCircle::new(drawn_out.center, RADIUS * 1.04);
+        let refiner = PoseRefiner::new(&EstimatorConfig::default(), 0.02);
+        for (shown, least, most) in [(drawn_out, 0.3, 0.5), (round, 0.0, 0.15)] {
+            let (mut errors, mut lengths) = (Vec::new(), Vec::new());
+            for _ in 0..20 {
+                let rotation = random_rotation(rng);
+                let view = BallView::new(&camera, shown).expect("a view");
+                let mut frame = FrameEstimate::default();
+                add_dots(&names, &rotation, &view, &mut frame, rng);
+                let prior = PosePrior {
+                    camera: EstimatorConfig::default().camera,
+                    start: camera,
+                    ..prior_of(drawn_out, OutlineSource::Detected)
+                };
+                let found = refiner
+                    .refine(&names, &prior, &rotation, &mut frame, &mut Vec::new())
+                    .expect("enough dots");
+                errors.push(found.rotation.angle_to(&rotation).to_degrees());
+                lengths.push(found.view.circle().eccentricity.norm());
+            }
+            let (error, length) = (median(errors), median(lengths));
+            assert!(error < 1.5, "{error} deg");
+            assert!((least..most).contains(&length), "{length}");
         }
     }
 
