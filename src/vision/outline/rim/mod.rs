@@ -493,10 +493,9 @@ mod tests {
 
     /// Of nine fingers one after the other, each over a tenth of the rim, which nothing says.
     #[test]
-    fn what_hides_the_rim_unknown_widens_its_covariance() {
+    fn what_hides_the_rim_unknown_is_within_its_covariance() {
         let clean = drawn(&CIRCLE, Vec3::new(0.3, 0.2, 0.9), 0.0);
         let fit = |image: &GrayImage| fitted(image, CIRCLE, RimShape::DrawnOut);
-        let of_clean = fit(&clean).expect("a rim").covariance;
         let (mut squares, mut count) = (0.0, 0.0);
         for k in 0..9 {
             let angle = 0.7 * f64::from(k);
@@ -514,8 +513,6 @@ mod tests {
             let inverse = found.covariance.try_inverse().expect("regular");
             squares += found.change.dot(&(inverse * found.change));
             count += 1.0;
-            let wider = found.covariance.trace() / of_clean.trace();
-            assert!(wider > 1.5, "{k}: {wider}");
         }
         // Three of each are expected.
         assert!(
