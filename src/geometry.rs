@@ -253,9 +253,7 @@ fn well_conditioned(h: &Matrix3<f64>) -> Option<Rotation> {
         return None;
     }
     let r = u * Matrix3::from_diagonal(&Vec3::new(1.0, 1.0, sign)) * v_t;
-    Some(Rotation::from_rotation_matrix(
-        &nalgebra::Rotation3::from_matrix_unchecked(r),
-    ))
+    Some(to_rotation(&r))
 }
 
 /// Horn's solution.
@@ -364,8 +362,14 @@ impl Matches<'_> {
     }
 }
 
+/// The rotation of a matrix that is one.
+pub(crate) fn to_rotation(matrix: &Matrix3<f64>) -> Rotation {
+    Rotation::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(*matrix))
+}
+
 /// The rotation matrix that lays one pair of unit vectors on another, midpoint on midpoint, so that
-/// a difference of their angles is shared evenly; `None` for pairs that are parallel or opposite.
+/// a difference of their angles is shared evenly; `None` for pairs that are parallel or opposite. Where the pairs are alike but for
+/// their size, vectors of any length will do.
 pub fn pair_rotation(from: [&Vec3; 2], to: [&Vec3; 2]) -> Option<Matrix3<f64>> {
     let frame = |[a, b]: [&Vec3; 2]| -> Option<Matrix3<f64>> {
         let mid = (a + b).try_normalize(MIN_NORMAL)?;

@@ -36,6 +36,7 @@ use crate::ball::{Ball, Basis, BasisFrame, Feature};
 use crate::error::Result;
 use crate::geometry::{
     Rotation, Vec3, angle_between, pair_rotation, rotation_from_correlation, tangent_frame,
+    to_rotation,
 };
 
 /// Minimum `|d x d'|` at which the first two observed dots span a basis.
@@ -313,8 +314,7 @@ fn nearest(directions: &[Vec3], dot: &Vec3) -> usize {
 /// Kabsch for two pairs of unit vectors, in closed form: the best rotation maps the bisector to the
 /// bisector and the normal to the normal. `None` where a pair is collinear.
 fn rotation_from_pairs(from: [&Vec3; 2], to: [&Vec3; 2]) -> Option<Rotation> {
-    let matrix = nalgebra::Rotation3::from_matrix_unchecked(pair_rotation(from, to)?);
-    Some(Rotation::from_rotation_matrix(&matrix))
+    pair_rotation(from, to).as_ref().map(to_rotation)
 }
 
 #[cfg(test)]

@@ -56,8 +56,6 @@ pub use workspace::RobustWorkspace;
 
 use std::sync::Arc;
 
-use nalgebra::{Matrix3, Rotation3};
-
 use super::explanations::{MAX_RIVALS, MIN_RIVAL};
 use super::learn::ConditionsPosterior;
 use super::{
@@ -66,7 +64,7 @@ use super::{
 };
 use crate::ball::Ball;
 use crate::error::{Result, require};
-use crate::geometry::{Rotation, Vec3, angle_between, rotation_angle};
+use crate::geometry::{Rotation, Vec3, angle_between, rotation_angle, to_rotation};
 use crate::pattern::Pattern;
 use crate::view::ViewModel;
 use hint::HintPrior;
@@ -420,10 +418,6 @@ impl RobustRecognizer {
         out.dots_confidence = confidence.identity;
         out.confidence = confidence.pose;
     }
-}
-
-fn to_rotation(matrix: &Matrix3<f64>) -> Rotation {
-    Rotation::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*matrix))
 }
 
 impl Recognizer for RobustRecognizer {

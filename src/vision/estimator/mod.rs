@@ -103,8 +103,6 @@ pub struct EstimatorWorkspace {
     /// That for an outline there.
     pub(crate) within: FrameEstimate,
     pub(crate) spending: Spending,
-    /// Outlines among which the one in hand was chosen by its dots: each had its chance to fit them by accident.
-    pub(crate) choices: usize,
     pub(crate) locator: Locator,
     /// Only where the camera's intrinsics are known.
     pub(crate) recentering: Recentering,
@@ -260,7 +258,6 @@ impl Estimator {
             searches: Default::default(),
             there: FrameEstimate::with_capacity(),
             within: FrameEstimate::with_capacity(),
-            choices: 1,
             spending: Spending::default(),
             locator: Locator::new(self.config.circle),
             recentering: Recentering::new(self.config.circle),

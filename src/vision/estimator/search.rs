@@ -350,18 +350,14 @@ impl Estimator {
         }
         let begun = Instant::now();
         if let Some(outline) = self.outline_by_dots(ws, out) {
-            let shown = match self.intrinsics() {
+            let circle = match self.intrinsics() {
                 Some(k) => k.shown_of_ball(&outline.circle),
                 None => outline.circle,
             };
+            let shown = Outline { circle, ..outline };
             ws.locator.add(OutlineCandidate {
-                outline: Outline {
-                    circle: crop.grid.circle_to_part(&shown),
-                    covariance: outline.covariance / (crop.grid.side * crop.grid.side),
-                    ..outline
-                },
-                fit: None,
                 shape: OutlineShape::ByDots,
+                ..OutlineCandidate::given(&shown, &crop.grid)
             });
         }
         ws.spending.timings.identify += begun.elapsed();
@@ -391,7 +387,7 @@ impl Estimator {
         out: &mut FrameEstimate,
     ) {
         let begun = Instant::now();
-        ws.choices = match candidate.shape {
+        ws.spending.choices = match candidate.shape {
             OutlineShape::ByDots => CHOICES,
             OutlineShape::Free | OutlineShape::Circle => 1,
         };

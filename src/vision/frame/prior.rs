@@ -158,6 +158,8 @@ pub(crate) struct Spending {
     pub budget: Budget,
     /// Runs of the recognizer, those before included.
     pub runs: usize,
+    /// Outlines among which the one in hand was chosen by its dots.
+    pub choices: usize,
     /// Whether an outline had its turn, where dots are to be found alone.
     pub has_detected: bool,
     pub timings: Timings,
@@ -173,10 +175,16 @@ impl Spending {
     pub fn of(budget: Budget) -> Self {
         Self {
             runs: budget.spent,
+            choices: 1,
             has_detected: false,
             budget,
             timings: Timings::default(),
         }
+    }
+
+    /// How often something had its chance to fit the outline in hand by accident.
+    pub fn chances(&self) -> usize {
+        self.runs * self.choices
     }
 
     /// Whether nothing further is to be begun.

@@ -35,8 +35,8 @@ const MIN_SUPPORT: f64 = 0.4;
 const SAME: f64 = 0.03;
 /// Each circle of the edges is tried as the net sees it and as it is; then the crop's, and the rough one.
 const TRIES: usize = 2 * BallFinder::MAX_OTHERS + 1;
-/// Maximum number of outlines of a frame.
-const MAX_CANDIDATES: usize = TRIES + 3;
+/// Maximum number of outlines of a place: the dots of each may ask for another.
+const MAX_CANDIDATES: usize = 2 * (TRIES + 3);
 
 /// What an outline may be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,8 +59,8 @@ pub(crate) struct OutlineCandidate {
 }
 
 impl OutlineCandidate {
-    /// An outline of the frame's pixels that is known.
-    fn given(outline: &Outline, grid: &Grid) -> Self {
+    /// An outline of the frame's pixels, as it is.
+    pub fn given(outline: &Outline, grid: &Grid) -> Self {
         Self {
             outline: Outline {
                 circle: grid.circle_to_part(&outline.circle),

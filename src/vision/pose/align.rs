@@ -7,10 +7,10 @@
 //!
 //! What is found is where to look, no answer: the ball is cut out there and its dots are found and identified anew.
 
-use nalgebra::{Matrix3, Rotation3, Vector2};
+use nalgebra::{Matrix3, Vector2};
 
 use super::refine::Drawn;
-use crate::geometry::{Rotation, Vec3};
+use crate::geometry::{Vec3, pair_rotation, to_rotation};
 use crate::vision::dots::detector::LIKELY_DOT;
 use crate::vision::estimator::{Estimator, EstimatorWorkspace};
 use crate::vision::frame::estimate::FrameEstimate;
@@ -94,13 +94,12 @@ fn by_three([a, b, c]: [&Vector2<f64>; 3], [p, q, r]: [&Vec3; 3]) -> Option<[Opt
     let up1 = (scale * l11 - s11).max(0.0).sqrt();
     let up2 = (scale * l22 - s22).max(0.0).sqrt();
     let up2 = up2 * (scale * l12 - s12).signum();
-    let of_pattern = axes(&e1, &e2)?;
     Some([1.0, -1.0].map(|side| {
-        let seen = axes(
+        let seen = [
             &Vec3::new(d1.x, d1.y, side * up1),
             &Vec3::new(d2.x, d2.y, side * up2),
-        )?;
-        let rotation = seen * of_pattern.transpose();
+        ];
+        let rotation = pair_rotation([&e1, &e2], seen)?;
         let shift = a - (rotation * p).xy() * size;
         let faces = [p, q, r].map(|dot| (rotation * dot).z > LEAST_FACING);
         let is_near = shift.norm() < MAX_SHIFT && faces == [true; 3];
@@ -110,13 +109,6 @@ fn by_three([a, b, c]: [&Vector2<f64>; 3], [p, q, r]: [&Vec3; 3]) -> Option<[Opt
             shift,
         })
     }))
-}
-
-/// Three axes by two vectors.
-fn axes(first: &Vec3, second: &Vec3) -> Option<Matrix3<f64>> {
-    let x = first.try_normalize(1e-6)?;
-    let z = x.cross(second).try_normalize(1e-6)?;
-    Some(Matrix3::from_columns(&[x, z.cross(&x), z]))
 }
 
 /// Triples of places, the largest triangles first.
@@ -136,6 +128,14 @@ fn triples(seen: &[Vector2<f64>]) -> [Option<[usize; 3]>; TRIPLES] {
     largest.map(|(_, triple)| triple)
 }
 
+/// All dots three by three, the first two at least so far apart. Those with a dot twice are no ball's.
+fn threes(dots: &[Vec3], apart: f64) -> impl Iterator<Item = [&Vec3; 3]> {
+    dots.iter().flat_map(move |p| {
+        let seconds = dots.iter().filter(move |q| (*q - p).norm() >= apart);
+        seconds.flat_map(move |q| dots.iter().map(move |r| [p, q, r]))
+    })
+}
+
 /// The ball that explains most of the places.
 fn align(dots: &[Vec3], seen: &[Vector2<f64>]) -> Option<(Aligned, Names)> {
     let (mut best, mut most) = (None, LEAST_SCORE);
@@ -144,18 +144,11 @@ fn align(dots: &[Vec3], seen: &[Vector2<f64>]) -> Option<(Aligned, Names)> {
     for triple in triples(seen).into_iter().take(count).flatten() {
         let places = triple.map(|k| &seen[k]);
         let apart = (places[1] - places[0]).norm() / SIZES[1];
-        for (i, p) in dots.iter().enumerate() {
-            let seconds = dots.iter().enumerate();
-            for (j, q) in seconds.filter(|(j, q)| *j != i && (*q - p).norm() >= apart) {
-                let thirds = dots.iter().enumerate();
-                for (_, r) in thirds.filter(|(k, _)| *k != i && *k != j) {
-                    for found in by_three(places, [p, q, r]).into_iter().flatten().flatten() {
-                        let (score, names) = found.score(dots, seen);
-                        if score > most {
-                            (best, most) = (Some((found, names)), score);
-                        }
-                    }
-                }
+        let balls = threes(dots, apart).filter_map(|names| by_three(places, names));
+        for found in balls.flatten().flatten() {
+            let (score, names) = found.score(dots, seen);
+            if score > most {
+                (best, most) = (Some((found, names)), score);
             }
         }
     }
@@ -199,8 +192,7 @@ impl Estimator {
             ..outline
         };
         let open = around(BallCircle::new(center, circle.radius * found.size), OPEN);
-        let rotation = Rotation3::from_matrix_unchecked(found.rotation);
-        let rotation = Rotation::from_rotation_matrix(&rotation);
+        let rotation = to_rotation(&found.rotation);
         let camera = self.config.camera.hypotheses()[0]?;
         let refined = self.refined(&rotation, camera, (&open, None), Drawn::AsSeen, ws, out);
         let named = out.matched();

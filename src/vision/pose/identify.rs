@@ -127,7 +127,6 @@ impl Estimator {
             spent: out.earlier_attempts,
             ..Budget::default()
         });
-        ws.choices = 1;
         self.identify(Detections::All, ws, out);
         self.locate(None, out);
         (out.attempts, out.timings) = (ws.spending.runs, ws.spending.timings);
@@ -215,7 +214,7 @@ impl Estimator {
         // What is expected was not chosen among many: only the runs that weigh it count.
         let mut best = best.discounted(match hint {
             Some(_) => ws.spending.runs - earlier,
-            None => ws.spending.runs * ws.choices,
+            None => ws.spending.chances(),
         });
         if hint.is_none() {
             best = best.weighed(&self.config.trust);

@@ -32,7 +32,7 @@ type Knot = SMatrix<f64, LIGHTS, LIGHTS>;
 type ToEnds = SMatrix<f64, LIGHTS, ENDS>;
 
 /// The equations of all pixels.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct LimbChain {
     own: [Knot; KNOTS],
     /// Each with the next.
@@ -166,21 +166,27 @@ impl LimbChain {
     /// The spread of the fitted unknowns by how much the sectors of the rim contradict each other: each pulls at them by its own pixels, whose
     /// gradients these are, and where all pixels are at rest, some pull one way and others another.
     pub fn spread_of_sectors(
-        &self,
+        mut self,
         pulls: &[SVector<f64, BY_PIXEL>; KNOTS],
     ) -> Option<SMatrix<f64, FITTED, FITTED>> {
-        let mut spread = SMatrix::zeros();
-        let mut alone = self.clone();
-        for (knot, pull) in pulls.iter().enumerate() {
-            alone.gradient = [SVector::zeros(); KNOTS];
-            alone.gradient[knot] = pull.fixed_rows::<LIGHTS>(0).into_owned();
-            alone.gradient[(knot + 1) % KNOTS] = pull.fixed_rows::<LIGHTS>(LIGHTS).into_owned();
-            alone.gradient_of_shared = pull.fixed_rows::<SHARED>(2 * LIGHTS).into_owned();
-            let (_, ends) = alone.ends()?.solved::<{ LIGHTS + FITTED }>()?;
-            let step = ends.fixed_rows::<FITTED>(LIGHTS);
-            spread += step * step.transpose();
+        // The inverse information is symmetric: what all pulls do to an unknown is what a pull at that does to all.
+        self.gradient = [SVector::zeros(); KNOTS];
+        self.gradient_of_shared = SVector::zeros();
+        let ends = self.ends()?;
+        let (inverse, mut pulled) = ends.solved::<{ LIGHTS + FITTED }>()?;
+        let mut steps = SMatrix::<f64, FITTED, KNOTS>::zeros();
+        for unknown in 0..FITTED {
+            pulled
+                .rows_mut(0, LIGHTS + FITTED)
+                .copy_from(&inverse.column(LIGHTS + unknown));
+            let LimbStep { lights, shared, .. } = ends.along(&pulled, Matrix3::zeros());
+            for (knot, pull) in pulls.iter().enumerate() {
+                steps[(unknown, knot)] = lights[knot].dot(&pull.fixed_rows::<LIGHTS>(0))
+                    + lights[(knot + 1) % KNOTS].dot(&pull.fixed_rows::<LIGHTS>(LIGHTS))
+                    + shared.dot(&pull.fixed_rows::<SHARED>(2 * LIGHTS));
+            }
         }
-        Some(spread * (KNOTS as f64 / (KNOTS - FITTED) as f64))
+        Some(steps * steps.transpose() * (KNOTS as f64 / (KNOTS - FITTED) as f64))
     }
 
     /// The information of the last knot and of the shared unknowns.
@@ -286,8 +292,19 @@ mod tests {
 
     const ALL: usize = KNOTS * LIGHTS + SHARED;
 
+    /// The knot, the derivatives and the residual of a pixel.
+    type RimPixel = (usize, [f64; BY_PIXEL], f64);
+
+    fn random_pixels(rng: &mut ChaCha8Rng) -> Vec<RimPixel> {
+        let pixels = (0..40 * KNOTS).map(|k| {
+            let by = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+            (k % KNOTS, by, rng.random_range(-1.0..1.0))
+        });
+        pixels.collect()
+    }
+
     /// The same equations without regard to the chain.
-    fn dense(pixels: &[(usize, [f64; BY_PIXEL], f64)]) -> (DMatrix<f64>, DVector<f64>) {
+    fn dense(pixels: &[RimPixel]) -> (DMatrix<f64>, DVector<f64>) {
         let (mut information, mut gradient) = (DMatrix::zeros(ALL, ALL), DVector::zeros(ALL));
         for (knot, by, residual) in pixels {
             let mut row = DVector::zeros(ALL);
@@ -307,12 +324,7 @@ mod tests {
     #[test]
     fn the_chain_is_solved_as_a_whole() {
         let rng = &mut ChaCha8Rng::seed_from_u64(6_430_001);
-        let pixels: Vec<_> = (0..40 * KNOTS)
-            .map(|k| {
-                let by = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
-                (k % KNOTS, by, rng.random_range(-1.0..1.0))
-            })
-            .collect();
+        let pixels = random_pixels(rng);
         let mut chain = LimbChain::default();
         for knot in 0..KNOTS {
             let mut sums = Sums::<BY_PIXEL>::default();
@@ -355,12 +367,7 @@ mod tests {
     #[test]
     fn sectors_spread_by_their_own_steps() {
         let rng = &mut ChaCha8Rng::seed_from_u64(6_470_002);
-        let pixels: Vec<_> = (0..40 * KNOTS)
-            .map(|k| {
-                let by = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
-                (k % KNOTS, by, rng.random_range(-1.0..1.0))
-            })
-            .collect();
+        let pixels = random_pixels(rng);
         let kept = KNOTS * LIGHTS + FITTED;
         let (information, _) = dense(&pixels);
         let part = information.view((0, 0), (kept, kept)).into_owned();

@@ -79,14 +79,13 @@ impl PosePrior {
     /// The outline as a circle, where it was found drawn out and the dots can say so.
     fn round(&self) -> Option<Self> {
         let is_known = matches!(self.camera, CameraModel::Known(_));
-        let is_open = self.drawn == Drawn::AsSeen && !self.outline.is_given() && !is_known;
         let is_drawn_out = self.outline.circle.is_ellipse() || self.oval.is_some();
         let mut other = *self;
         let circle = &self.outline.circle;
         let mean = circle.radius * of_circle(&circle.eccentricity).0;
         other.outline.circle = BallCircle::new(circle.center, mean);
         other.oval = None;
-        (is_open && is_drawn_out).then_some(other)
+        (!is_known && is_drawn_out && self.is_open()).then_some(other)
     }
 
     /// The outline with a further error, where it was found and the dots can say so.
@@ -94,8 +93,12 @@ impl PosePrior {
         let mut other = *self;
         let sigma = error.radii * self.outline.circle.radius;
         other.outline.covariance += Matrix3::from_diagonal_element(sigma * sigma);
-        let is_open = self.drawn == Drawn::AsSeen && !self.outline.is_given();
-        (is_open || error.radii == 0.0).then_some(other)
+        (error.radii == 0.0 || self.is_open()).then_some(other)
+    }
+
+    /// Whether the outline was found and the dots can say that it is astray.
+    fn is_open(&self) -> bool {
+        self.drawn == Drawn::AsSeen && !self.outline.is_given()
     }
 }
 
@@ -117,16 +120,15 @@ impl PoseRefiner {
             (prior.other_side(), share),
             (round, 1.0 - share),
         ];
-        let shapes = shapes
-            .iter()
-            .filter_map(|(shape, share)| Some(((*shape)?, share)));
-        for ((side, share), readings) in shapes.zip(all.chunks_mut(ERRORS.len())) {
-            let side = &side;
-            let Some(mut start) = PoseState::new(side, rotation) else {
+        for ((shape, share), readings) in shapes.iter().zip(all.chunks_mut(ERRORS.len())) {
+            let Some(shape) = shape else {
+                continue;
+            };
+            let Some(mut start) = PoseState::new(shape, rotation) else {
                 continue;
             };
             for (error, reading) in ERRORS.iter().zip(readings) {
-                let prior = side.with_error(error);
+                let prior = shape.with_error(error);
                 let found = prior.and_then(|prior| {
                     let state = self.fit(names, &prior, start, frame, matches)?;
                     let cost = state.ln_evidence_cost(&prior)? - 2.0 * (share * error.share).ln();
@@ -163,20 +165,13 @@ impl Readings {
 impl PoseState {
     /// Minus two logarithms of the evidence of a reading, but for what all have in common.
     fn ln_evidence_cost(&self, prior: &PosePrior) -> Option<f64> {
-        let information = self.information.cholesky()?;
-        let ln_information: f64 = information.l().diagonal().iter().map(|d| d.ln()).sum();
         let of_outline = prior.outline.covariance.try_inverse()?;
         // What is known before of all but the turn.
         let known = prior.equations(&of_outline, &self.view).information;
         let known = known.fixed_view::<KNOWN, KNOWN>(3, 3).into_owned();
-        let ln_known: f64 = known
-            .cholesky()?
-            .l()
-            .diagonal()
-            .iter()
-            .map(|d| d.ln())
-            .sum();
-        Some(self.cost + self.ln_spread + 2.0 * (ln_information - ln_known))
+        let ln_known = known.cholesky()?.ln_determinant();
+        let ln_information = self.information.cholesky()?.ln_determinant();
+        Some(self.cost + self.ln_spread + ln_information - ln_known)
     }
 
     /// How far it is from another, in the fitted parameters.
