@@ -370,7 +370,7 @@ def main():
     checks = Checks()
     with sync_playwright() as playwright:
         own = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-        # Only the views are drawn through WebGL, by software; the page itself takes a third of the time without it.
+        # Only the views are drawn through WebGL, by software; the page itself takes a third less time without it.
         flags = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-angle=swiftshader", "--ignore-gpu-blocklist", "--disable-gpu-compositing"]
         try:
             browser = playwright.chromium.launch(executable_path=own, args=flags)

@@ -101,7 +101,7 @@ def test_ctrl_c_raises_within_half_a_second(prepared, work):
     text = f"""
 {prepared}
 def interrupt():
-    time.sleep(2.0)
+    time.sleep(1.0)
     print("sent", time.monotonic(), flush=True)
     os.kill(os.getpid(), signal.SIGINT)
 threading.Thread(target=interrupt, daemon=True).start()
