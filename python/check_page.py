@@ -53,7 +53,7 @@ def open_page(browser, path, checks, **options):
     page = context.new_page()
     complaints = []
     # A driver's remark on speed is about the browser without a graphics card.
-    page.on("console", lambda m: m.type in ("error", "warning") and "GL Driver Message" not in m.text and complaints.append(m.text))
+    page.on("console", lambda m: m.type in ("error", "warning") and "GL Driver Message (OpenGL, Performance" not in m.text and complaints.append(m.text))
     page.on("pageerror", lambda e: complaints.append(str(e)))
     requests = []
     page.on("request", lambda r: requests.append(r.url))
