@@ -5,7 +5,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use crate::geometry::{Rotation, Vec3, tangent_frame};
+use crate::geometry::{Rotation, Vec3, tangent_frame, to_rotation};
 
 use super::joint::Joint;
 use super::seam::Seam;
@@ -179,8 +179,7 @@ impl Obstacles {
             let x = cos * u + sin * v;
             let y = seam.normal.cross(&x);
             let rows = [x.transpose(), y.transpose(), seam.normal.transpose()];
-            let matrix = nalgebra::Matrix3::from_rows(&rows);
-            let turn = nalgebra::Rotation3::from_matrix_unchecked(matrix);
+            let turn = nalgebra::Matrix3::from_rows(&rows);
             dots.clear();
             dots.extend(pattern.iter().map(|d| turn * d));
             // Hinge and tab lie on the x axis: the nearest dots decide, and most positions fail by one.
@@ -193,7 +192,7 @@ impl Obstacles {
         let (bare_mm, turn) = (best.0, best.1?);
         Some(HingePlace {
             seam,
-            rotation: Rotation::from_rotation_matrix(&turn),
+            rotation: to_rotation(&turn),
             dots: pattern.iter().map(|d| turn * d).collect(),
             bare_mm,
         })

@@ -7,10 +7,10 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix3, Rotation3};
+use nalgebra::Matrix3;
 
 use super::model::PreparedDot;
-use crate::geometry::{ROTATIONS, Rotation};
+use crate::geometry::{ROTATIONS, to_rotation};
 use crate::recognize::Hint;
 
 /// Maximum widening of the dots' variances for the first assignment from the hint's rotation.
@@ -51,10 +51,9 @@ impl HintPrior {
     /// ln of the prior density at a rotation over the uniform density; `information` is the
     /// rotation's own.
     pub fn ln_ratio(&self, rotation: &Matrix3<f64>, information: Option<&Matrix3<f64>>) -> f64 {
-        let moved = Rotation3::from_matrix_unchecked(rotation * self.rotation.transpose());
         // By the quaternion: the logarithm of a matrix is undefined at a half-turn, where it is
         // symmetric.
-        let e = Rotation::from_rotation_matrix(&moved).scaled_axis();
+        let e = to_rotation(&(rotation * self.rotation.transpose())).scaled_axis();
         let own = information.and_then(|h| h.try_inverse());
         let covariance = own.map_or(self.covariance, |own| self.covariance + own);
         let Some(factor) = covariance.cholesky() else {
@@ -70,7 +69,7 @@ impl HintPrior {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Vec3, random_direction, random_rotation};
+    use crate::geometry::{Rotation, Vec3, random_direction, random_rotation};
     use rand::SeedableRng;
     use std::f64::consts::PI;
 
